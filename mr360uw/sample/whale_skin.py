@@ -48,7 +48,7 @@ def painted(skin: WhaleSkin, size: int, seed: int) -> dict[str, bytes]:
     }
     grain = _grain(size, seed)
     for chart in skin.charts:
-        texels = _texels(skin, chart, size, seed, grain)
+        texels = _Texels(skin, chart, size, seed, grain)
         coat = (_body_coat if chart.name == "body" else _fin_coat)(texels)
         maps["colour"][texels.window] = np.clip(coat.colour, 0.0, 1.0)
         maps["roughness"][texels.window] = np.clip(coat.roughness, 0.04, 1.0)
@@ -74,7 +74,6 @@ def _jpeg(values: NDArray[np.float32], quality: int, sampling: int) -> bytes:
 # ----------------------------------------------------------------------------------------------------------- the texels
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _Texels:
     """The h x w texels of a chart and its margin.
 
@@ -83,14 +82,26 @@ class _Texels:
     grain: speckles, mottles and streaks (h, w) of standard deviation 1; seed: of all marks.
     """
 
-    chart: Chart
-    window: tuple[slice, slice]
-    points: NDArray[np.float32]
-    place: Floats
-    around: Floats
-    step: Floats
-    grain: tuple[NDArray[np.float32], ...]
-    seed: int
+    def __init__(
+        self, skin: WhaleSkin, chart: Chart, size: int, seed: int, grain: tuple[NDArray[np.float32], ...]
+    ) -> None:
+        left, top, right, bottom = (round(size * edge) for edge in _ATLAS[chart.name])
+        self.chart, self.seed, self.window = chart, seed, np.s_[top:bottom, left:right]
+        self.grain = tuple(one[self.window] for one in grain)
+        # Where the centres of texels are between the rows and columns of the chart; the margin repeats its edge
+        coordinates = map_coordinates(chart)
+        u, v = (np.arange(left, right) + 0.5) / size, (np.arange(top, bottom) + 0.5) / size
+        column = np.interp(u, coordinates[0, :, 0], np.arange(len(chart.along)))
+        row = np.interp(v, coordinates[:, 0, 1], np.arange(len(chart.around)))
+        self.points = _between(_between(skin.positions[chart.vertex].astype(np.float32), row), column, axis=1)
+        self.place = _between(chart.place.astype(np.float32), column)
+        self.around = (row / (len(chart.around) - 1)).astype(np.float32)
+        # Lengths of texels, from the grid: those of an edge that has shrunk to a pole are those nearby
+        steps = []
+        for axis, knots in ((1, coordinates[0, :, 0]), (0, coordinates[:, 0, 1])):
+            rate = np.linalg.norm(np.gradient(skin.positions[chart.vertex], knots, axis=axis), axis=-1) / size
+            steps.append(_between(_between(rate.astype(np.float32), row), column, axis=1))
+        self.step = np.maximum(np.stack(steps), np.float32(0.1 / size))
 
     @property
     def rng(self) -> np.random.Generator:
@@ -116,25 +127,6 @@ class _Texels:
             # a cubic spline of independent values has a standard deviation of 1 / 1.7 on average
             total += 1.7 * amplitude * at(lattice, where, np.float32, order=3, mode="grid-wrap", prefilter=False)
         return np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_CUBIC))
-
-
-def _texels(skin: WhaleSkin, chart: Chart, size: int, seed: int, grain: tuple[NDArray[np.float32], ...]) -> _Texels:
-    left, top, right, bottom = (round(size * edge) for edge in _ATLAS[chart.name])
-    window = np.s_[top:bottom, left:right]
-    # Where the centres of texels are between the rows and columns of the chart; the margin repeats its edge
-    coordinates = map_coordinates(chart)
-    u, v = (np.arange(left, right) + 0.5) / size, (np.arange(top, bottom) + 0.5) / size
-    column = np.interp(u, coordinates[0, :, 0], np.arange(len(chart.along)))
-    row = np.interp(v, coordinates[:, 0, 1], np.arange(len(chart.around)))
-    points = _between(_between(skin.positions[chart.vertex].astype(np.float32), row), column, axis=1)
-    # Lengths of texels, from the grid: those of an edge that has shrunk to a pole are those nearby
-    steps = []
-    for axis, knots in ((1, coordinates[0, :, 0]), (0, coordinates[:, 0, 1])):
-        rate = np.linalg.norm(np.gradient(skin.positions[chart.vertex], knots, axis=axis), axis=-1) / size
-        steps.append(_between(_between(rate.astype(np.float32), row), column, axis=1))
-    step = np.maximum(np.stack(steps), np.float32(0.1 / size))
-    place, around = _between(chart.place.astype(np.float32), column), (row / (len(chart.around) - 1)).astype(np.float32)
-    return _Texels(chart, window, points, place, around, step, tuple(one[window] for one in grain), seed)
 
 
 def _between(values: NDArray[Any], where: Floats, axis: int = 0) -> NDArray[Any]:

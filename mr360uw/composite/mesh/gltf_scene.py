@@ -249,7 +249,7 @@ class MaterialReader:
 
     def __init__(self, gltf: Gltf) -> None:
         self.gltf = gltf
-        self.notes: list[str] = []
+        self.notes: dict[str, None] = {}  # in order, once each
         pixels = functools.cache(lambda image: decode_image(gltf.image(image), f"{gltf.path} image {image}"))
         self._made = functools.cache(lambda image, srgb, wrap: make_texture(pixels(image), srgb=srgb, wrap=wrap))
 
@@ -340,9 +340,7 @@ class MaterialReader:
         return self._made(source, srgb, wrap)
 
     def _note(self, text: str) -> None:
-        note = f"{self.gltf.path} - {text}"
-        if note not in self.notes:
-            self.notes.append(note)
+        self.notes[f"{self.gltf.path} - {text}"] = None
 
 
 def _coordinates(reference: dict[str, Any]) -> MapCoordinates:

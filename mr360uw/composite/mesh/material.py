@@ -8,8 +8,7 @@ from __future__ import annotations
 import io
 import math
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -179,19 +178,7 @@ def read_texture(path: Path) -> Texture:
 def decode_image(data: bytes, where: str) -> Pixels:
     """Return the code values (h, w, 3 or 4) of a PNG, JPEG, WebP ... file, uint8, or uint16 where it has 16 bits.
 
-    Raises `MeshError`.
-    """
-    with _opened(data, where) as image:
-        if data.startswith(PNG_START) and data[_PNG_DEPTH] == 16:
-            return _sixteen_bits(data)
-        return pixels(image)
-
-
-@contextmanager
-def _opened(data: bytes, where: str) -> Iterator[Any]:
-    """Yield an image file that PIL has opened, not decoded.
-
-    Raises `MeshError` where it has too many pixels, and for what PIL and OpenCV raise, there and within.
+    Raises `MeshError` where it has too many pixels, and for what PIL and OpenCV raise.
     """
     import cv2
     from PIL import Image
@@ -201,7 +188,8 @@ def _opened(data: bytes, where: str) -> Iterator[Any]:
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data)) as image:  # damage is an error here
             TEXTURE.check(where, image.width * image.height, MeshError)
-            yield image
+            deep = data.startswith(PNG_START) and data[_PNG_DEPTH] == 16
+            return _sixteen_bits(data) if deep else _pixels(image)
     except MeshError:
         raise
     except (*_BROKEN, Image.DecompressionBombError, cv2.error) as error:
@@ -209,7 +197,7 @@ def _opened(data: bytes, where: str) -> Iterator[Any]:
         raise MeshError(f"{where} - a texture cannot be read (got: {what:.120}) - give a PNG or JPEG") from error
 
 
-def pixels(image: Any) -> NDArray[np.uint8]:
+def _pixels(image: Any) -> NDArray[np.uint8]:
     """Return a PIL image as (h, w, 3 or 4) uint8."""
     if image.mode.startswith("I"):  # PIL would clip 16-bit greys to 255 instead of scaling them
         grey = (np.asarray(image, np.float64) / 257.0 + 0.5).astype(np.uint8)

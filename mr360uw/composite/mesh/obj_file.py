@@ -8,7 +8,7 @@ import math
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -68,8 +68,9 @@ def _sorted(text: str) -> tuple[dict[str, list[list[str]]], list[tuple[list[str]
         if word in rows:
             rows[word].append(rest.partition("#")[0].split())
         elif word in ("f", "fo"):
-            corners = rest.partition("#")[0].split()
-            if "-" in rest:  # counted back from the last before this line
+            numbers = rest.partition("#")[0]
+            corners = numbers.split()
+            if "-" in numbers:  # counted back from the last before this line
                 corners = [_absolute(corner, [len(of_word) for of_word in rows.values()]) for corner in corners]
             polygons.append((corners, look))
         elif word == "usemtl":
@@ -204,27 +205,18 @@ def _names(written: str) -> list[str]:
     return list(dict.fromkeys(name.strip().strip("\"'") for name in (written, bare, unquote(bare))))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _Map:
-    """A map of a material: its file, its code values, and the options before its name, as numbers or as words."""
+    """A map of a material: its file and code values, how it scales and moves texture coordinates, what is beyond its
+    edges, and the strength of its bumps.
+    """
 
-    file: Path
-    pixels: Pixels
-    numbers: dict[str, list[float]]
-    words: dict[str, str]
-
-    @property
-    def coordinates(self) -> MapCoordinates:
-        """How it scales and moves the texture coordinates; an axis that is not written stays as it is."""
-        scale, offset = (
-            (self.numbers.get(name, []) + _UNIT[name][len(self.numbers.get(name, [])) :])[:2] for name in "so"
-        )
-        return MapCoordinates("uv", (offset[0], offset[1]), 0.0, (scale[0], scale[1]))
-
-    @property
-    def wrap(self) -> Wrap:
-        """What is beyond its edges."""
-        return "clamp" if self.words.get("clamp", "").lower() == "on" else "repeat"
+    def __init__(self, file: Path, pixels: Pixels, numbers: dict[str, list[float]], words: dict[str, str]) -> None:
+        """Take the options before its name, as numbers or as words; an axis that is not written stays as it is."""
+        self.file, self.pixels = file, pixels
+        scale, offset = ((numbers.get(name, []) + _UNIT[name][len(numbers.get(name, [])) :])[:2] for name in "so")
+        self.coordinates = MapCoordinates("uv", (offset[0], offset[1]), 0.0, (scale[0], scale[1]))
+        self.wrap: Wrap = "clamp" if words.get("clamp", "").lower() == "on" else "repeat"
+        self.strength = _number(words, "bm", 1.0)
 
 
 class Libraries:
@@ -313,7 +305,7 @@ class Libraries:
             bare_name(name),
             color,
             emission=emission if glow is None or any(emission) else (1.0, 1.0, 1.0),
-            normal_scale=1.0 if normal is None else _number(normal.words, "bm", 1.0),
+            normal_scale=1.0 if normal is None else normal.strength,
             double_sided=True,
             base_map=self._texture(base, srgb=True),
             normal_map=self._texture(normal, srgb=False),

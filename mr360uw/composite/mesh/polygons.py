@@ -38,14 +38,12 @@ class Polygons:
         or a corner (faceVarying).
         """
         array = np.asarray(values, np.float64)
-        owner = {
-            "constant": np.zeros(len(self.corners), np.int64),
-            "uniform": np.repeat(np.arange(len(self.counts)), self.counts),
-            "faceVarying": np.arange(len(self.corners)),
-        }.get(interpolation, self.corners)
-        sizes = {"constant": 1, "uniform": len(self.counts), "faceVarying": len(self.corners)}
-        wanted = sizes.get(interpolation, int(self.corners.max(initial=-1)) + 1)
-        if len(array) < wanted or (interpolation in sizes and len(array) > wanted > 1):
+        owner, wanted = {
+            "constant": (np.zeros(len(self.corners), np.int64), 1),
+            "uniform": (np.repeat(np.arange(len(self.counts)), self.counts), len(self.counts)),
+            "faceVarying": (np.arange(len(self.corners)), len(self.corners)),
+        }.get(interpolation, (self.corners, int(self.corners.max(initial=-1)) + 1))
+        if len(array) < wanted or (owner is not self.corners and len(array) > wanted > 1):
             raise ValueError(f"{len(array)} values of {name} for {wanted}")
         return np.asarray(array[owner])
 
