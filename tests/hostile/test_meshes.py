@@ -231,6 +231,9 @@ CONTAINERS = {
                 b"property float z\nelement face 4000000000\nproperty list uchar int vertex_indices\nend_header\n"
                 + bytes(99),
     "words.ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nend_header\na\nb\nc\n",
+    "long.ply": b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+                b"property float z\nelement face 2\nproperty list uint int vertex_indices\nend_header\n"
+                + struct.pack("<9fI3iI", *range(9), 3, 0, 1, 2, 2**30),
     "back.ply": b"ply\nformat ascii 1.0\nelement vertex -3\nproperty float x\nend_header\n",
     "empty.stl": b"", "text.stl": b"solid\nno mesh\nendsolid\n", "many.stl": bytes(80) + struct.pack("<I", 2**32 - 1),
     "cut.stl": bytes(80) + struct.pack("<I", 4) + bytes(60), "nan.stl": bytes(80) + struct.pack("<I", 1) + b"\xff" * 50,
