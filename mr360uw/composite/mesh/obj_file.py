@@ -36,6 +36,7 @@ _CURVES, _LOOKS = "curves or free-form surfaces", "textures by name (usemap) ins
 _NOT_DRAWN = {"p": "points or lines", "l": "points or lines", "curv": _CURVES, "curv2": _CURVES, "surf": _CURVES,
               "usemap": _LOOKS, "maplib": _LOOKS, "call": "other files in it (call)"}  # fmt: skip
 _NAMES = {"mtllib": "library", "o": "object", "g": "object"}
+"""What words give the names of."""
 _PAINT = "#mrgb"
 """Comments in which ZBrush keeps the colours of vertices."""
 _HEAD = 60
@@ -71,7 +72,8 @@ def _sorted(text: str) -> tuple[dict[str, list[list[str]]], list[tuple[list[str]
             numbers = rest.partition("#")[0]
             corners = numbers.split()
             if "-" in numbers:  # counted back from the last before this line
-                corners = [_absolute(corner, [len(of_word) for of_word in rows.values()]) for corner in corners]
+                sizes = [len(of_word) for of_word in rows.values()]
+                corners = [_absolute(corner, sizes) for corner in corners]
             polygons.append((corners, look))
         elif word == "usemtl":
             look = rest
