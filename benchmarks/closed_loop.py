@@ -42,13 +42,13 @@ from benchmarks.closed.truth import Stage, TruePicture, exposure  # noqa: E402
 from mr360uw.base.cache import Cache  # noqa: E402
 from mr360uw.base.color import encode, luminance  # noqa: E402
 from mr360uw.base.constants import REFRACTIVE_INDEX_SEA  # noqa: E402
-from mr360uw.composite.tiles import over  # noqa: E402
+from mr360uw.composite.over_plate import over  # noqa: E402
 from mr360uw.ibl.lighting import assemble  # noqa: E402
 from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
 from mr360uw.ibl.plate import COARSE_COLUMNS  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis  # noqa: E402
-from mr360uw.render.frame import frame_shots, measure_plate  # noqa: E402
+from mr360uw.render.frame import frame_shots  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.render.plate_light import plate_light  # noqa: E402
 from mr360uw.sample.dive import record  # noqa: E402
@@ -188,8 +188,8 @@ class Clip:
         loaded = load(scene, self.stage.width, self.stage.width // 2, clip=False)
         light = replace(plate_light(loaded, ClipAnalysis(), plate), environment=environment)
         backend, cache = make_backend("auto")[0], Cache()
-        measured = measure_plate(loaded, ClipAnalysis(), plate, cache, light)
-        layer, _ = backend.layer(frame_shots(loaded, backend, measured, 0.0, cache).by_eye[0][0].shot)
+        shots = frame_shots(loaded, ClipAnalysis(), backend, plate, 0.0, cache, light)
+        layer, _ = backend.layer(shots.eyes[0][1][0].shot)
         return over(plate.image_linear, layer), environment
 
     def _row(self, column: str, pairs: list[tuple[Floats, TruePicture]], environment: Environment) -> Row:

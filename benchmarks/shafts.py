@@ -41,8 +41,9 @@ from mr360uw.medium.shafts.shaft_scene import ShaftWater  # noqa: E402
 from mr360uw.medium.shafts.single_scattering import ray_ends_m, view_directions  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_analysis  # noqa: E402
-from mr360uw.render.frame import draw_frame, frame_shots, measure_plate  # noqa: E402
+from mr360uw.render.frame import draw_frame, frame_shots  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
+from mr360uw.render.plate_light import plate_light  # noqa: E402
 from mr360uw.sample import sample_dive  # noqa: E402
 from mr360uw.scene.model import Scene, load_scene  # noqa: E402
 from mr360uw.scene.resolved import open_plate  # noqa: E402
@@ -362,9 +363,9 @@ def layer_ms(scene: Scene) -> float:
         loaded = load(scene, video.width, video.height)
         analysis = clip_analysis(loaded, video, None)
         for frame in video.frames(0, _FRAMES):
-            measured = measure_plate(loaded, analysis, frame, cache)
+            light = plate_light(loaded, analysis, frame, cache)
             start = time.process_time()
-            draw_frame(backend, frame_shots(loaded, backend, measured, 0.0, cache), cache)
+            draw_frame(backend, frame_shots(loaded, analysis, backend, frame, 0.0, cache, light), cache)
             spent.append(1e3 * (time.process_time() - start))
     return float(np.median(spent[2:]))
 

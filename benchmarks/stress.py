@@ -39,7 +39,7 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks.random_scenes import RandomScene, random_scene  # noqa: E402
 from mr360uw.base.color import in_plate_primaries  # noqa: E402
-from mr360uw.composite.tiles import over  # noqa: E402
+from mr360uw.composite.over_plate import over  # noqa: E402
 from mr360uw.errors import Mr360uwError, RenderError, SceneError  # noqa: E402
 from mr360uw.render.backends import Backend, make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_analysis  # noqa: E402

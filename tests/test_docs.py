@@ -18,7 +18,7 @@ from PIL import Image
 
 import mr360uw
 from mr360uw.from_above.settings import aerial_handbook
-from mr360uw.render.frame import blend_frame, composite_frame, draw_frame, frame_shots, measure_plate
+from mr360uw.render.frame import blend_frame, composite_frame, draw_frame, frame_shots
 from mr360uw.sample import DiveSettings, SampleDive
 from mr360uw.scene.handbook import parameters_markdown, table_of
 
@@ -101,7 +101,7 @@ def test_the_scene_of_the_readme_runs(dive: SampleDive, tmp_path: Path) -> None:
 def test_the_frame_in_the_design_is_the_frame() -> None:
     text = (ROOT / "docs" / "design.md").read_text("utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    stages = (composite_frame, measure_plate, frame_shots, draw_frame, blend_frame)
+    stages = (composite_frame, frame_shots, draw_frame, blend_frame)
     assert blocks == ["\n\n".join(inspect.getsource(stage) for stage in stages)]
 
 

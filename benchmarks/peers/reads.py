@@ -30,8 +30,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from mr360uw.composite.aovs import RECIPE, exr_parts  # noqa: E402
-from mr360uw.composite.objects import Receiver  # noqa: E402
 from mr360uw.composite.reference import render_aovs  # noqa: E402
+from mr360uw.composite.shot import Receiver  # noqa: E402
 from mr360uw.video import write_exr  # noqa: E402
 from tests.composite.scenes import medium, placed, plate, shot, sphere  # noqa: E402
 

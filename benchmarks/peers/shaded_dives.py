@@ -24,7 +24,7 @@ from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.render.backends import Reference
 from mr360uw.render.first_pass import ClipAnalysis, background_series
-from mr360uw.render.frame import frame_shots, measure_plate
+from mr360uw.render.frame import frame_shots
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive
@@ -129,13 +129,12 @@ class ShadedDive:
     def shot(self, frame: VideoFrame, analysis: ClipAnalysis, *, known: bool) -> Shot:
         """Return the shot of a frame; known: lit by the dive's own ambient light and sun, not as measured in it."""
         cache, reference = Cache(), Reference()
-        measured = measure_plate(self.loaded, analysis, frame, cache)
-        shots = frame_shots(self.loaded, reference, measured, 0.0, cache)
+        shots = frame_shots(self.loaded, analysis, reference, frame, 0.0, cache)
         if known:
-            light = replace(measured.light, environment=self._light())
-            known_shots = frame_shots(self.loaded, reference, replace(measured, light=light), 0.0, cache)
-            return replace(known_shots.by_eye[0][0].shot, medium=shots.water)
-        return shots.by_eye[0][0].shot
+            light = replace(shots.light, environment=self._light())
+            known_shots = frame_shots(self.loaded, analysis, reference, frame, 0.0, cache, light)
+            return replace(known_shots.eyes[0][1][0].shot, medium=shots.water)
+        return shots.eyes[0][1][0].shot
 
     def _light(self) -> Environment:
         """Return an even sky and a sun with the dive's irradiance at the camera."""

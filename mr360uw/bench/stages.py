@@ -22,8 +22,8 @@ from mr360uw.base.sphere import unit
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air, stack_depths
 from mr360uw.caustics.settings import PlaneLadder
 from mr360uw.composite.objects import load_objects
+from mr360uw.composite.over_plate import over
 from mr360uw.composite.shafts import grid_of
-from mr360uw.composite.tiles import over
 from mr360uw.ibl import environment
 from mr360uw.medium import Medium, ShaftScene, Water, shaft_field
 from mr360uw.medium.lookup import veil_lookup

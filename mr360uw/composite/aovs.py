@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.objects import Shot
+from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats, Layer
 
 SUMS = ("diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "transmittance", "normal", "position")
@@ -114,7 +114,7 @@ class AovFrame:
 
 def receiver_difference(plate_linear: Floats, layer: Layer) -> Floats:
     """Return the change (H, W, 3) of the plate by shadows, caustics, lamps and shafts, without the objects."""
-    from mr360uw.composite.tiles import over
+    from mr360uw.composite.over_plate import over
 
     bare = (replace(t, radiance=np.zeros_like(t.radiance), alpha=np.zeros_like(t.alpha)) for t in layer.tiles)
     return over(plate_linear, replace(layer, tiles=tuple(bare))) - plate_linear

@@ -24,7 +24,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +34,8 @@ from mr360uw.base.constants import MINIMUM_SUN_UP
 from mr360uw.base.rays import PlacedScene, RayScene
 from mr360uw.base.sphere import basis, disc_directions, disc_offsets, effective_half_angle
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.objects import LightSample, PlacedObject, Shot
 from mr360uw.composite.raycast import Geometry, gather, opacity_key, surfaces_along
+from mr360uw.composite.shot import LightSample, PlacedObject, Shot
 from mr360uw.medium.lookup import beam_ratio, linear, optical_length, table_coordinate, unscattered_share
 from mr360uw.medium.shafts.occluders import Bodies
 from mr360uw.medium.shafts.single_scattering import nearest_m, spot_factor
@@ -46,30 +45,6 @@ Arrival = tuple[Floats, Floats, Floats | float]
 """Light of one source at n points, without shadows and caustics: unit direction (n, 3), or (3,) for all, towards the
 light; irradiance (n, 3) perpendicular to it, in plate radiance times sr; angular radius [rad] of the source, (n,) or
 one for all."""
-
-
-class LightSource(Protocol):
-    """One light in one shot. Points are from the camera, in the world's axes [m]."""
-
-    @property
-    def variable(self) -> str:
-        """Name of the output variable of its light."""
-
-    @property
-    def in_plate(self) -> bool:
-        """Whether it already lights the plate."""
-
-    def arrival(self, point: Floats) -> Arrival:
-        """Return its light at points (n, 3)."""
-
-    def pattern(self, point: Floats, footprint_m: Floats) -> Floats:
-        """Return the caustic factor (n, 3), a mean over footprints (n,) [m]; 1 for light that waves do not refract."""
-
-    def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
-        """Return the fraction (n,) of the source that bodies leave visible from points (n, 3).
-
-        sides: (n, 2, 3) [m] of parallelograms about the points, for the means over them; None for the points alone.
-        """
 
 
 REFERENCE_SUN_FACTOR = 4
@@ -225,6 +200,16 @@ def _axes(away: Floats) -> Floats:
     length = np.linalg.norm(level, axis=-1, keepdims=True)
     u = np.where(length > 1e-9, level / np.maximum(length, 1e-9), basis([0.0, 1.0, 0.0])[0])
     return np.stack([u, np.cross(w, u)], axis=1)
+
+
+LightSource = SunSource | LampSource
+"""One light in one shot. Points are from the camera, in the world's axes [m].
+
+variable: name of the output variable of its light. in_plate: whether it already lights the plate. `arrival`: its light
+at points (n, 3). `pattern`: the caustic factor (n, 3), a mean over footprints (n,) [m]. `visibility`: the fraction (n,)
+of the source that bodies leave visible from points (n, 3); with the sides (n, 2, 3) [m] of parallelograms about these,
+the means over them.
+"""
 
 
 def light_sources(shot: Shot, blockers: Blockers | None = None) -> tuple[LightSource, ...]:

@@ -26,7 +26,7 @@ from mr360uw.base.constants import LONGEST_FOOTPRINT
 from mr360uw.base.rays import RayScene, barycentric
 from mr360uw.composite.mesh.material import Material, Texture, texture_lookup
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.objects import PlacedObject
+from mr360uw.composite.shot import PlacedObject
 from mr360uw.composite.tiles import nearest_m, rectangles_of_bodies, seen_rectangle
 from mr360uw.types import Floats, Rectangle, View
 
@@ -145,7 +145,7 @@ def base_color(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats,
         of = np.flatnonzero(geometry.material[triangle] == number)
         color[of] *= material.base_color
         if material.base_map is not None:
-            color[of] *= _lookup(material.base_map, uv[of], level_scale[of])
+            color[of] *= _texels(material.base_map, (uv, level_scale), of)
     return color
 
 
@@ -259,7 +259,13 @@ def next_surfaces(
     return active, triangle, distance, solid
 
 
-def _lookup(texture: Texture, uv: Floats, change: Floats) -> Floats:
+_Places = tuple[Floats, Floats]
+"""Where n pixels lie on a map: (u, v), (n, 2), and its change (n, 2, 2) over a pixel, see `uv_change`."""
+
+
+def _texels(texture: Texture, places: _Places, some: NDArray[np.int64]) -> Floats:
+    """Return the values (m, 4) of a map at some of n pixels."""
+    uv, change = (values[some] for values in places)
     return texture_lookup(texture, uv, change[:, 0], change[:, 1])
 
 
@@ -309,8 +315,8 @@ def surface(
     weights, distance = barycentric(corners, direction)
     beside = weights_beside(corners, neighbours)
     of_sets = geometry.uv[triangle], *np.moveaxis(geometry.more_uv[triangle], 2, 0)
-    places = [_MapPlace(uv, np.einsum("nc,nck->nk", weights, uv), uv_change(uv, weights, beside)) for uv in of_sets]
-    color = base_color(geometry, triangle, weights, places[0].change)
+    places = [(np.einsum("nc,nck->nk", weights, uv), uv_change(uv, weights, beside)) for uv in of_sets]
+    color = base_color(geometry, triangle, weights, places[0][1])
     # Turn the normals to the camera: the flat one, and the smooth one of the corners
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     flat = np.cross(e1, e2)
@@ -324,10 +330,10 @@ def surface(
     values = _material_values(geometry, triangle, places)
     for number, material in enumerate(geometry.materials):
         if material.normal_map is not None:
-            of, place = np.flatnonzero(geometry.material[triangle] == number), places[material.sets[2]]
-            bump = 2.0 * place.texel(material.normal_map, of)[:, :3] - 1.0
+            of, on_normal = np.flatnonzero(geometry.material[triangle] == number), material.sets[2]
+            bump = 2.0 * _texels(material.normal_map, places[on_normal], of)[:, :3] - 1.0
             bump[:, :2] *= material.normal_scale
-            normal[of] = bumped(normal[of], e1[of], e2[of], place.corners[of], bump)
+            normal[of] = bumped(normal[of], e1[of], e2[of], of_sets[on_normal][of], bump)
     # Measure the part of the surface that a pixel covers
     area_middle, area_sides = footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area)
     return Hits(
@@ -351,20 +357,7 @@ def surface(
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _MapPlace:
-    """Where n pixels lie on a map. corners: (n, 3, 2) of their triangles, uv: (n, 2), change: as `uv_change`."""
-
-    corners: Floats
-    uv: Floats
-    change: Floats
-
-    def texel(self, texture: Texture, some: NDArray[np.int64]) -> Floats:
-        """Return the values (m, 4) of a map at some of the pixels."""
-        return _lookup(texture, self.uv[some], self.change[some])
-
-
-def _material_values(geometry: Geometry, triangle: NDArray[np.int64], places: Sequence[_MapPlace]) -> dict[str, Floats]:
+def _material_values(geometry: Geometry, triangle: NDArray[np.int64], places: Sequence[_Places]) -> dict[str, Floats]:
     """Return metallic, roughness, occlusion and refractive_index, each (n,), and emission (n, 3), as `Hits` names them.
     places: of each set of texture coordinates.
     """
@@ -375,13 +368,13 @@ def _material_values(geometry: Geometry, triangle: NDArray[np.int64], places: Se
         metallic[of], roughness[of], occlusion[of] = material.metallic, material.roughness, 1.0
         index[of], emission[of] = material.refractive_index, material.emission
         if material.metallic_roughness_map is not None:
-            texel = on_metallic_roughness.texel(material.metallic_roughness_map, of)
+            texel = _texels(material.metallic_roughness_map, on_metallic_roughness, of)
             metallic[of], roughness[of] = metallic[of] * texel[:, 2], roughness[of] * texel[:, 1]
         if material.occlusion_map is not None:
-            texel = on_occlusion.texel(material.occlusion_map, of)
+            texel = _texels(material.occlusion_map, on_occlusion, of)
             occlusion[of] = 1.0 + material.occlusion_strength * (texel[:, 0] - 1.0)
         if material.emission_map is not None:
-            emission[of] *= on_emission.texel(material.emission_map, of)[:, :3]
+            emission[of] *= _texels(material.emission_map, on_emission, of)[:, :3]
     both = {"metallic": metallic, "roughness": roughness, "occlusion": occlusion}
     return both | {"refractive_index": index, "emission": emission}
 
@@ -422,18 +415,14 @@ def pixel_steps(point: Floats, normal: Floats, neighbours: Floats, step: float) 
     return np.asarray(steps / step)
 
 
-def pixel_footprint(
-    view: View, x: Floats, y: Floats, point: Floats, normal: Floats, area: Floats | None = None
-) -> Floats:
-    """Return the sides (n, 2, 3) [m] of the footprints of areas (n, 5) of the frame about frame coordinates (n,), whole
-    pixels if not given.
+def pixel_footprint(view: View, x: Floats, y: Floats, point: Floats, normal: Floats, area: Floats) -> Floats:
+    """Return the sides (n, 2, 3) [m] of the footprints of areas (n, 5) of the frame about frame coordinates (n,).
 
     point, normal: (n, 3) of the surface seen there.
     """
     neighbours = np.stack([view.directions(x + 1.0, y), view.directions(x, y + 1.0)], axis=1)
     seen = point - view.starts(view.directions(x, y)) if view.eye_m else point
-    steps = pixel_steps(seen, normal, neighbours, 1.0)
-    return steps if area is None else footprint(point, steps, area)[1]
+    return footprint(point, pixel_steps(seen, normal, neighbours, 1.0), area)[1]
 
 
 def footprint(point: Floats, steps: Floats, area: Floats) -> tuple[Floats, Floats]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self, TypeVar
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from mr360uw.base.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.base.parameters import LATEST_S, Parameters, advanced, parameter
@@ -33,12 +32,16 @@ SIZE, CASTS = "factor on its size", "whether there are shadows: of this object o
 """What keys of several tables mean."""
 
 
-def check_times(times: Sequence[float]) -> None:
-    """Raise `ValueError` where times of keys do not ascend."""
-    for number, (one, after) in enumerate(itertools.pairwise(times)):
+_Key = TypeVar("_Key", "LampKeySettings", "KeySettings")
+
+
+def check_times(keys: tuple[_Key, ...]) -> tuple[_Key, ...]:
+    """Return the keys of a motion; raise `ValueError` where their times do not ascend."""
+    for number, (one, after) in enumerate(itertools.pairwise(key.time_s for key in keys)):
         if after <= one:
             what = f"key {number + 1} must be later than key {number}"
             raise ValueError(f"{what} (got time_s {one:g}, then {after:g}) - sort the keys")
+    return keys
 
 
 def check_color(color: Vector) -> Vector:
@@ -46,6 +49,9 @@ def check_color(color: Vector) -> Vector:
     if min(color) < 0.0:
         raise ValueError(f"must be three numbers >= 0 (got {list(color)}) - light cannot be taken away")
     return color
+
+
+Colour = Annotated[Vector, AfterValidator(check_color)]
 
 
 class ReceiverSettings(Parameters):
@@ -97,6 +103,9 @@ class LampKeySettings(Parameters):
     rotation_deg: Vector | None = parameter(None, "(yaw, pitch, roll) of the beam", unit="deg")
 
 
+LampKeys = Annotated[tuple[LampKeySettings, ...], AfterValidator(check_times)]
+
+
 class LampSettings(Parameters):
     """A lamp that the plate does not show: a torch, a strobe, a light on an object."""
 
@@ -105,27 +114,16 @@ class LampSettings(Parameters):
     attach: Literal["world", "camera"] | Annotated[int, Field(ge=0, le=10000)] = parameter(
         "world", "frame of reference: the world, the camera, or an object by its number, the first is 0"
     )
-    key: tuple[LampKeySettings, ...] = parameter((), "the motion, ascending in time", fixed=MOTION)
+    key: LampKeys = parameter((), "the motion, ascending in time", fixed=MOTION)
     interpolation: Interpolation = advanced("smooth", "between keys: straight, or a monotone cubic")
     lumen: float | None = parameter(None, "luminous flux; none: 2000", unit="lm", low=0.0, high=1e7)
     temperature_k: float = parameter(5600.0, "colour temperature of its spectrum", unit="K", low=1000.0, high=25000.0)
-    color: Vector = advanced((1.0, 1.0, 1.0), "linear filter on its colour, before the water", unit="1")
+    color: Colour = advanced((1.0, 1.0, 1.0), "linear filter on its colour, before the water", unit="1")
     cone_deg: float = parameter(
         60.0, "full angle beyond which it is dark; 360: it shines to all sides", unit="deg", above=0.0, high=360.0
     )
     radius_m: float = advanced(0.02, "radius of the luminous ball, for soft shadows", unit="m", low=0.0, high=100.0)
     casts_shadow: bool = parameter(True, CASTS)
-
-    @field_validator("color")
-    @classmethod
-    def _not_negative(cls, color: Vector) -> Vector:
-        return check_color(color)
-
-    @field_validator("key")
-    @classmethod
-    def _ascending(cls, keys: tuple[LampKeySettings, ...]) -> tuple[LampKeySettings, ...]:
-        check_times([key.time_s for key in keys])
-        return keys
 
 
 class DrawSettings(Parameters):
@@ -233,7 +231,23 @@ _AWAY_M = 3.0
 """Distance [m] of an object whose azimuth alone is given."""
 
 
-class KeySettings(Parameters):
+class _Placed(Parameters):
+    """What an object and the keys of its motion have in common: a place that is given once."""
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        polar = [name for name in POLAR if getattr(self, name) is not None]
+        if polar and "position_m" in self.model_fields_set and getattr(self, "position_m", None) is not None:
+            raise ValueError(f"{polar[0]} - position_m is given too (got both) - remove one of them")
+        return self
+
+    @property
+    def polar(self) -> bool:
+        """Whether its place is given by azimuth, elevation or distance."""
+        return any(getattr(self, name) is not None for name in POLAR)
+
+
+class KeySettings(_Placed):
     """One instant of an object's motion; values that are not set are the object's own."""
 
     time_s: float = parameter(..., "time of the key from the start of the clip", unit="s", low=-LATEST_S, high=LATEST_S)
@@ -247,18 +261,11 @@ class KeySettings(Parameters):
     face: Facing | None = parameter(None, "side that its front is turned to, as the object's", unit="deg")
     scale: float | None = parameter(None, "factor on the object's size", unit="1", low=1e-6, high=1e6)
 
-    @model_validator(mode="after")
-    def _one_place(self) -> KeySettings:
-        _check_place(self)
-        return self
 
-    @property
-    def polar(self) -> bool:
-        """Whether its place is given by azimuth, elevation or distance."""
-        return any(getattr(self, name) is not None for name in POLAR)
+Keys = Annotated[tuple[KeySettings, ...], AfterValidator(check_times)]
 
 
-class ObjectSettings(Parameters):
+class ObjectSettings(_Placed):
     """A mesh in the scene: position, size, material, motion."""
 
     mesh: Path = parameter(..., "glTF, GLB, USD, OBJ, PLY or STL; fish_%04d.glb for one mesh a frame")
@@ -296,7 +303,7 @@ class ObjectSettings(Parameters):
         "frame of reference: the world; the camera and its rotation; or the waves, on which it floats, with position_m "
         "over the mean surface",
     )
-    key: tuple[KeySettings, ...] = parameter((), "the motion, ascending in time", fixed=MOTION)
+    key: Keys = parameter((), "the motion, ascending in time", fixed=MOTION)
     interpolation: Interpolation = advanced("smooth", "between keys: straight, or a monotone cubic")
     animation: int | str = parameter(
         "auto", "clip of a glTF file that is played, by name or number (the first is 0); auto: its first, '': none"
@@ -310,7 +317,7 @@ class ObjectSettings(Parameters):
     casts_shadow: bool = parameter(True, CASTS)
     visible: bool = parameter(True, "whether the camera sees the object; its shadow stays")
     texture: Path | None = parameter(None, "base colour image to use instead of the file's own")
-    base_color: Vector | None = parameter(
+    base_color: Colour | None = parameter(
         None, "linear base colour, multiplies the texture; none: the file's", unit="1"
     )
     metallic: float | None = parameter(None, "0 dielectric, 1 metal; none: the file's", unit="1", low=0.0, high=1.0)
@@ -319,7 +326,7 @@ class ObjectSettings(Parameters):
         None, "of the surface, against vacuum; none: the file's", unit="1", low=1.0, high=4.0, internal="the mesh file"
     )
     exposure: float = parameter(0.0, EXPOSURE, unit="stops", low=-10.0, high=10.0)
-    tint: Vector = parameter(
+    tint: Colour = parameter(
         (1.0, 1.0, 1.0), "factors on the red, green and blue of the light that the camera gets from it", unit="1"
     )
     double_sided: bool | None = advanced(None, "whether back faces are drawn; none: as the file says")
@@ -329,25 +336,8 @@ class ObjectSettings(Parameters):
     )  # fmt: skip
     outside_files: bool = advanced(False, "whether the mesh file may name files outside of its own folder")
 
-    @field_validator("base_color")
-    @classmethod
-    def _not_negative(cls, color: Vector | None) -> Vector | None:
-        return None if color is None else check_color(color)
-
-    @field_validator("tint")
-    @classmethod
-    def _no_negative_light(cls, tint: Vector) -> Vector:
-        return check_color(tint)
-
-    @field_validator("key")
-    @classmethod
-    def _ascending(cls, keys: tuple[KeySettings, ...]) -> tuple[KeySettings, ...]:
-        check_times([key.time_s for key in keys])
-        return keys
-
     @model_validator(mode="after")
     def _placed_once(self) -> ObjectSettings:
-        _check_place(self)
         if self.size_m is not None:
             given = "scale" in self.model_fields_set
             if given or any(key.scale is not None for key in self.key):
@@ -365,11 +355,6 @@ class ObjectSettings(Parameters):
         return self
 
     @property
-    def polar(self) -> bool:
-        """Whether its place is given by azimuth, elevation and distance."""
-        return any(getattr(self, name) is not None for name in POLAR)
-
-    @property
     def place_m(self) -> Vector:
         """Its place (right, up, back) [m]: of its middle if `polar`, else of the origin of its mesh."""
         if not self.polar:
@@ -385,10 +370,3 @@ class ObjectSettings(Parameters):
         if key.position_m is not None:
             given = dict.fromkeys(POLAR) | given
         return self.model_copy(update=given)
-
-
-def _check_place(given: KeySettings | ObjectSettings) -> None:
-    """Raise `ValueError` where a place is given twice."""
-    polar = [name for name in POLAR if getattr(given, name) is not None]
-    if polar and "position_m" in given.model_fields_set and given.position_m is not None:
-        raise ValueError(f"{polar[0]} - position_m is given too (got both) - remove one of them")

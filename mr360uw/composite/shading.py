@@ -28,8 +28,8 @@ from numpy.typing import ArrayLike
 
 from mr360uw.base.constants import INV_PI
 from mr360uw.composite.light_sources import Arrival, LightSource
-from mr360uw.composite.objects import Shot
 from mr360uw.composite.raycast import Hits
+from mr360uw.composite.shot import Shot
 from mr360uw.ibl.filters import split_sum
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup

@@ -37,12 +37,12 @@ from mr360uw.base.texels import smoothstep
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.light_sources import LampSource, SunSource, casting_bodies, lamps_of, sun_of
-from mr360uw.composite.objects import Shot
+from mr360uw.composite.over_plate import empty_tile
 from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.settings import NEAREST_M, SnowPhase, SnowSettings
 from mr360uw.composite.shading import water_ahead
-from mr360uw.composite.snow_particles import LEAST_COVER, Reach, orbits_of, particles_near, seen_up_to, size_classes
-from mr360uw.composite.tiles import empty_tile
+from mr360uw.composite.shot import Shot
+from mr360uw.composite.snow_particles import LEAST_COVER, orbits_of, particles_near, seen_up_to, size_classes
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import exact
 from mr360uw.medium.lookup import ambient_ratio, linear, transmittance_lookup
@@ -138,12 +138,12 @@ def particles_in_view(snow: Snow, shot: Shot) -> tuple[Floats, Floats, Floats, F
     orbits = orbits_of(snow.sea, depth_m - reach_m[-1])
     whole = 0.0 if orbits is None else orbits.reach_m(depth_m - reach_m[-1])
     margins = [0.0 if orbits is None else orbits.reach_m(depth_m - far_m - whole) for far_m in reach_m]
-    reaches = [Reach(NEAREST_M, farthest, per_diameter, margin_m) for margin_m in margins]
     current = np.asarray(settings.current_m_s, np.float64)
     speeds = [current - np.array([0.0, size.sinking_m_s, 0.0]) for size in classes]
     position, diameter, number = particles_near(
-        classes, settings.exponent, snow.sea.seed, view.position, [snow.time_s * speed for speed in speeds], reaches
-    )
+        classes, settings.exponent, snow.sea.seed, view.position, [snow.time_s * speed for speed in speeds],
+        (NEAREST_M, farthest, per_diameter), margins,
+    )  # fmt: skip
     velocity, margin = np.asarray(speeds)[number], np.asarray(margins)[number]
     kept = position[:, 1] < view.surface_y_m
     mean_m = np.linalg.norm(position - view.position, axis=-1)

@@ -68,40 +68,33 @@ _FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _S30, _S27, _S31, _S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reach:
-    """Distances [m] from a centre between which particles are wanted; those of diameter d up to `per_diameter` d.
-
-    margin_m: that is added at both ends, for what moves them besides.
-    """
-
-    nearest_m: float
-    farthest_m: float
-    per_diameter: float
-    margin_m: float = 0.0
-
-
 def particles_near(
     classes: Sequence[SizeClass],
     exponent: float,
     seed: int,
     centre: Floats,
     carried: Sequence[Floats],
-    reaches: Sequence[Reach],
+    reach: tuple[float, float, float],
+    margins_m: Sequence[float],
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Return the particles about a centre (3,), class by class: position (n, 3) [m] in the world, diameter (n,) [m],
     and number (n,) of the class of size.
 
-    carried: (3,) [m] for each class, how far the water has carried it. reaches: for each class.
+    carried: (3,) [m] for each class, how far the water has carried it. reach: distances [m] from the centre between
+    which particles are wanted, and their ratio to the diameter up to which. margins_m: for each class, what is added at
+    both ends for what moves them besides.
     """
     found = []
-    for number, (size, moved, reach) in enumerate(zip(classes, carried, reaches, strict=True)):
+    for number, (size, moved, margin_m) in enumerate(zip(classes, carried, margins_m, strict=True)):
         at_rest = np.asarray(centre, np.float64) - moved
         places = (
             (np.uint64(seed), number, _CELL_M * 2.0**number), (size.per_m3, size.low_m, size.high_m, 1.0 - exponent),
-            at_rest, (reach.nearest_m, reach.farthest_m, reach.per_diameter, reach.margin_m),
+            at_rest, (*reach, margin_m),
         )  # fmt: skip
-        _check_number(size, reach)
+        # Refuse too many of a class, by their mean number within reach
+        radius_m = margin_m + min(reach[1], reach[2] * size.high_m)
+        expected = size.per_m3 * 4.0 / 3.0 * math.pi * radius_m**3
+        PARTICLES.check("snow - its density or its range", round(min(expected, 1e18)), ParameterError)
         count = _fill(*places, np.empty((0, 4)))
         rows = np.empty((count, 4))
         _fill(*places, rows)
@@ -110,13 +103,6 @@ def particles_near(
     rows = np.concatenate(found)
     of_class = np.repeat(np.arange(len(found), dtype=np.int64), [len(part) for part in found])
     return rows[:, :3], rows[:, 3], of_class
-
-
-def _check_number(size: SizeClass, reach: Reach) -> None:
-    """Raise `ParameterError` where there are too many particles of a class, by their mean number within reach."""
-    radius_m = min(reach.farthest_m + reach.margin_m, reach.per_diameter * size.high_m + reach.margin_m)
-    expected = size.per_m3 * 4.0 / 3.0 * math.pi * radius_m**3
-    PARTICLES.check("snow - its density or its range", round(min(expected, 1e18)), ParameterError)
 
 
 @exact
@@ -139,7 +125,8 @@ def _fill(cells: Any, sizes: Any, centre: Any, span: Any, rows: Any) -> Any:
     """Write (x, y, z, diameter) of a class's particles into rows (n, 4), as many as fit; return their number.
 
     cells: the seed, the number of the class, the side of its cells. sizes: the number per cubic metre, the least and
-    the greatest diameter, and 1 - exponent, the power of the number above a size. span: as `Reach`.
+    the greatest diameter, and 1 - exponent, the power of the number above a size. span: least and greatest distance,
+    greatest ratio to the diameter, and margin.
     """
     # Bound the cells that hold particles in reach
     (seed, size_class, side), (per_m3, low, high, power), (nearest, farthest, per_diameter, margin) = cells, sizes, span

@@ -36,11 +36,12 @@ from mr360uw.base.optics import fresnel
 from mr360uw.base.texels import smoothstep
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light
 from mr360uw.composite.light_sources import Blockers, LightSource, light_sources
-from mr360uw.composite.objects import FAINTEST, PlacedObject, Shot, object_presence, tops
+from mr360uw.composite.over_plate import empty_tile, hold_out
 from mr360uw.composite.raycast import Geometry, Hits, gather
 from mr360uw.composite.sampling import pattern
 from mr360uw.composite.settings import SurfaceSettings
 from mr360uw.composite.shading import surface_radiance
+from mr360uw.composite.shot import FAINTEST, PlacedObject, Shot, object_presence, tops
 from mr360uw.composite.snow import rest_of
 from mr360uw.composite.surface_rays import (
     TURNS,
@@ -57,7 +58,7 @@ from mr360uw.composite.surface_rays import (
     see_surface,
     surfaces_met,
 )
-from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, rectangles_of_mask
+from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.surface.ray_kernel import OFF_M
 from mr360uw.surface.sampled_sea import MovingSea, SampledSea
@@ -114,31 +115,36 @@ def cut_at_surface(
     if not near:
         return layer, None
     picture = _picture(sides, layer, presence, near, cache)
-    return (layer, None) if picture is None else (laid_over(shot, layer, picture), picture.kept)
+    return (layer, None) if picture is None else (laid_over(shot, layer, *picture), picture[1])
 
 
 def _picture(
     sides: WaterSides, layer: Layer, presence: Floats, near: tuple[PlacedObject, ...], cache: Cache
-) -> BodiesInSurface | None:
+) -> tuple[Images, Floats] | None:
+    """Return the images of bodies in the surface, and the fraction (H, W) of the bodies' samples before it; None where
+    it shows no body and cuts none.
+    """
     # Bound the pixels whose surface may show a body, and then test each
     mirrors, refracts = find_reach(sides, near)
     kept, cut = _before_surface(sides, layer)
+    radiance, opacity, met = images = _no_images(layer)
+    nothing = None if np.all(kept == 1.0) else (images, kept)
     where = mirrors | refracts | cut
     if not np.any(where):
-        return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
+        return nothing
     rows, columns, seen = see_surface(sides, where)
     mirrored, refracted = in_reach(sides, seen, *balls_around(near), sides.wet.view.pixel_rad)
     shown = mirrored | refracted | cut[rows, columns]
     rows, columns, seen = rows[shown], columns[shown], seen.of(shown)
     mirrored, refracted = mirrored[shown], refracted[shown]
     if len(rows) == 0:
-        return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
+        return nothing
     # Follow rays from the surface to the bodies, so many at once as fit in memory
     bodies = _bodies(sides, presence, cache)
     samples = pattern(_SAMPLES)
     alpha, distance = layer.alpha[rows, columns], layer.distance_m[rows, columns]
     covered = (alpha > 0.0) & (kept[rows, columns] > 0.0)
-    images, step = [], max(_RAYS_AT_ONCE // samples.count, 1)
+    found, step = [], max(_RAYS_AT_ONCE // samples.count, 1)
     for first in range(0, len(rows), step):
         part = slice(first, first + step)
         j, i = rows[part], columns[part]
@@ -146,12 +152,11 @@ def _picture(
         hidden, share = _hidden(bodies, rays, covered[part], distance[part])
         kept[j, i] = np.where(covered[part], share, kept[j, i])
         shows = mirrored[part], refracted[part]
-        images.append(surface_images(sides, bodies, rays, seen.of(part), ~hidden, shows))
+        found.append(surface_images(sides, bodies, rays, seen.of(part), ~hidden, shows))
     # Smooth over the samples, and write the picture
-    radiance, opacity, met = blank_picture(layer)
-    light, share = _smoothed(sides, rows, columns, images)
+    light, share = _smoothed(sides, rows, columns, found)
     radiance[rows, columns], opacity[rows, columns], met[rows, columns] = light, share, seen.distance_m
-    return BodiesInSurface(radiance, opacity, met, kept)
+    return images, kept
 
 
 def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> RayBodies:
@@ -236,34 +241,26 @@ _SPARE_PX = 4096
 """Pixels that a rectangle of images must save to be cut in two."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BodiesInSurface:
-    """Bodies in the surface and the cut through them, for a whole frame.
-
-    radiance: (H, W, 3) premultiplied, alpha: (H, W). distance_m: (H, W) of the surface, 0 where it is not known. kept:
-    (H, W) fraction of the bodies' samples before the surface.
-    """
-
-    radiance: Floats
-    alpha: Floats
-    distance_m: Floats
-    kept: Floats
+Images = tuple[Floats, Floats, Floats]
+"""Images of bodies in the surface, for a whole frame: premultiplied radiance (H, W, 3), alpha (H, W), and distance
+(H, W) [m] of the surface, 0 where it is not known."""
 
 
-def blank_picture(layer: Layer) -> tuple[Floats, Floats, Floats]:
-    """Return radiance, alpha and distance of a frame without images."""
+def _no_images(layer: Layer) -> Images:
     size = layer.height, layer.width
     return np.zeros((*size, 3), np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32)
 
 
-def laid_over(shot: Shot, layer: Layer, picture: BodiesInSurface) -> Layer:
-    """Return a layer with its bodies cut, over the images."""
-    tiles = [_over_images(tile, _images_tile(shot, picture, tile.rectangle), picture) for tile in layer.tiles]
-    shown = np.any(picture.radiance != 0.0, axis=-1) | (picture.alpha > 0.0)
+def laid_over(shot: Shot, layer: Layer, images: Images, kept: Floats) -> Layer:
+    """Return a layer with its bodies cut, over the images. kept: (H, W) fraction of the bodies' samples before the
+    surface.
+    """
+    tiles = [_over_images(tile, _images_tile(shot, images, tile.rectangle), kept[tile.window]) for tile in layer.tiles]
+    shown = np.any(images[0] != 0.0, axis=-1) | (images[1] > 0.0)
     parts = even_tiles(rectangles_of_mask(shown, _SPARE_PX), layer.width, layer.height)
     free = rest_of([tile.rectangle for tile in layer.tiles], layer.width, layer.height)
     for part in parts:
-        tiles += [_images_tile(shot, picture, both) for one in free if (both := _common(part, one)) is not None]
+        tiles += [_images_tile(shot, images, both) for one in free if (both := _common(part, one)) is not None]
     return replace(layer, tiles=tuple(tiles))
 
 
@@ -275,17 +272,16 @@ def _common(a: Rectangle, b: Rectangle) -> Rectangle | None:
     return Rectangle(column, row, width, height) if min(width, height) > 0 else None
 
 
-def _images_tile(shot: Shot, picture: BodiesInSurface, part: Rectangle) -> Tile:
+def _images_tile(shot: Shot, images: Images, part: Rectangle) -> Tile:
     """Return the images in a part of the frame as a tile of their own, behind the shot's mattes."""
     blank = empty_tile(part)
-    at = blank.window
-    distance = np.where(picture.alpha[at] > 0.0, picture.distance_m[at], np.inf).astype(np.float32)
-    tile = replace(blank, radiance=picture.radiance[at].copy(), alpha=picture.alpha[at].copy(), distance_m=distance)
-    return hold_out(shot, tile)
+    radiance, alpha, distance_m = (image[blank.window] for image in images)
+    distance = np.where(alpha > 0.0, distance_m, np.inf).astype(np.float32)
+    return hold_out(shot, replace(blank, radiance=radiance.copy(), alpha=alpha.copy(), distance_m=distance))
 
 
-def _over_images(tile: Tile, images: Tile, picture: BodiesInSurface) -> Tile:
-    kept = picture.kept[tile.window]
+def _over_images(tile: Tile, images: Tile, kept: Floats) -> Tile:
+    """Return a tile of which a fraction (h, w) is left, over its images."""
     alpha = kept * tile.alpha
     through = 1.0 - alpha
     return replace(

@@ -23,10 +23,10 @@ from mr360uw.base.constants import PI
 from mr360uw.base.optics import fresnel_transmittance, reflect, refract_clamped, refract_to_air, refract_to_water
 from mr360uw.base.sphere import directions
 from mr360uw.composite.light_sources import sun_of, sun_up
-from mr360uw.composite.objects import FAINTEST, PlacedObject, Shot
 from mr360uw.composite.raycast import MAXIMUM_HITS, Geometry, Hits, next_surfaces, surface
 from mr360uw.composite.sampling import PIXEL_FILTER, WHOLE_PIXEL, Pattern
 from mr360uw.composite.shading import veil_ahead, water_ahead
+from mr360uw.composite.shot import FAINTEST, PlacedObject, Shot
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.sphere import directions, frame_from_direction
-from mr360uw.composite.objects import Receiver
 from mr360uw.composite.receiver.shape import ReceiverShape, inverse_distance, running_mean, smoothed, width_px
+from mr360uw.composite.shot import Receiver
 from mr360uw.depth.depth_files import DepthClip, Kind
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized

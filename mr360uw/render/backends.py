@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, get_args
 from mr360uw.base.cache import Cache, drop_shared
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.objects import Shot
+from mr360uw.composite.shot import Shot
 from mr360uw.errors import GlError, ParameterError
 from mr360uw.types import BeamSpread, CausticStack, Floats, Layer
 

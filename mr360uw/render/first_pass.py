@@ -22,8 +22,8 @@ from mr360uw.base.threads import one_blas_thread, prefetch
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.grading.settings import PlateGrade
-from mr360uw.composite.objects import Receiver
 from mr360uw.composite.receiver.pattern import PlatePattern
+from mr360uw.composite.shot import Receiver
 from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.ibl.sun.track import SunSeries
@@ -49,17 +49,6 @@ MARGIN_S = 10.0
 smoothed over (2 to 4 s). Twice as large, the first pass of a short range takes twice as long."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FixedSun:
-    """A sun that is the same in every frame; None for no sun."""
-
-    sun: Sun | None
-
-    def at(self, index: int) -> Sun | None:  # noqa: ARG002 - as a `SunTrack` has it
-        """Return the sun."""
-        return self.sun
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ClipAnalysis(Parts, Shown):
     """Measurements over a clip, or over a range of it with a margin: a frame looks the same in every run over these.
@@ -69,8 +58,9 @@ class ClipAnalysis(Parts, Shown):
 
     Parameters
     ----------
-    sun : SunTrack or FixedSun or None
-        Track of the sun, or None if it is detected frame by frame.
+    sun : SunTrack or Sun or "none" or None
+        Track of the sun, or one that is the same in every frame, in the world; "none" for no sun, None if it is
+        detected frame by frame.
     gain : ndarray or None
         Gain (N, 3) of the veil, or None if it is fitted frame by frame.
     background : Background or None
@@ -97,7 +87,7 @@ class ClipAnalysis(Parts, Shown):
     (3,)
     """
 
-    sun: SunTrack | FixedSun | None = None
+    sun: SunTrack | Sun | Literal["none"] | None = None
     gain: Floats | None = None
     background: Background | None = None
     notes: tuple[str, ...] = ()
@@ -122,11 +112,14 @@ class ClipAnalysis(Parts, Shown):
     @classmethod
     def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipAnalysis:
         """Return the analysis of a clip of one frame: its sun in the world, None: none, "scene": the scene's own."""
-        return cls(None if isinstance(sun, str) else FixedSun(sun), None if gain is None else np.asarray(gain)[None])
+        fixed = None if isinstance(sun, str) else sun or "none"
+        return cls(fixed, None if gain is None else np.asarray(gain)[None])
 
     def sun_at(self, index: int) -> Sun | Literal["scene"] | None:
         """Return the sun of frame `index`, None if its shot has none; "scene" if there is no track."""
-        return "scene" if self.sun is None else self.sun.at(index - self.first)
+        if isinstance(self.sun, SunTrack):
+            return self.sun.at(index - self.first)
+        return "scene" if self.sun is None else self.sun if isinstance(self.sun, Sun) else None
 
     def gain_at(self, index: int) -> Floats | None:
         """Return the veil's gain (3,) of frame `index`, or None; frames outside the measured ones take the nearest."""
@@ -226,7 +219,7 @@ class _Pass:
         if background is not None:
             background.clear()
         # Go through the frames once, and give each to all that measure
-        suns, gains, looks = SunSeries(self.sun, rate), GainSeries(self.gain, rate), OpenWaterLooks(rate)
+        suns, gains, looks = SunSeries(self.sun, rate), GainSeries(self._level, rate), OpenWaterLooks(rate)
         with one_blas_thread():
             for frame in prefetch(one.graded_by(self._grade) for one in self._video.frames(begin, end)):
                 if "gain" in measures:
@@ -249,10 +242,6 @@ class _Pass:
             begin,
             open_water=None if steady is None else looks.track(steady, begin, gains.cuts()),
         )
-
-    def gain(self, frame: VideoFrame) -> MeasuredGain:
-        """Return the gain of a frame's water, which there is."""
-        return self._level(frame)
 
     def open_water(self, frame: VideoFrame) -> OpenWater:
         """Return the open water of a frame whose gain is fitted."""
@@ -487,7 +476,7 @@ def _on_ground(loaded: Loaded, receiver: ReceiverClip, cache: Cache) -> tuple[fl
 
 
 def plate_pattern(
-    loaded: Loaded, background: Background | None, plate: VideoFrame, cache: Cache | None = None
+    loaded: Loaded, background: Background | None, plate: VideoFrame, cache: Cache
 ) -> PlatePattern | None:
     """Return the pattern of a plate's frame on the receiver; None where the plan has none.
 
@@ -496,7 +485,6 @@ def plate_pattern(
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
-    cache = Cache() if cache is None else cache
     if background is None:
         background = cache.of(_background_of_frame, *_on_ground(loaded, loaded.receiver, cache), plate)
     height_m = _height_above(loaded.receiver.at(plate.index), loaded)

@@ -13,7 +13,7 @@ eye alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -26,9 +26,9 @@ from mr360uw.base.optics import into_air
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.light_sources import lamps_of, sun_of
-from mr360uw.composite.objects import Shot, object_presence
+from mr360uw.composite.over_plate import mean_layer
 from mr360uw.composite.settings import DrawSettings
-from mr360uw.composite.tiles import mean_layer
+from mr360uw.composite.shot import Shot, object_presence
 from mr360uw.errors import ParameterError, RenderError
 from mr360uw.ibl.lighting import turned
 from mr360uw.medium import Medium
@@ -44,7 +44,6 @@ from mr360uw.video import VideoFrame
 if TYPE_CHECKING:
     from mr360uw.composite.receiver.blocks import Prepared
     from mr360uw.composite.shafts import ShaftInput
-    from mr360uw.depth.occlusion import PlateSurfaces
 
 T = TypeVar("T")
 _LOWEST_SUN = 0.05
@@ -75,33 +74,6 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Eye:
-    """One eye of a frame.
-
-    plate: what it shows. eye_m: distance to the right of the middle [m]. shown: fields of its shots: receiver, the
-    plate's own caustics there, and mattes in its picture.
-    """
-
-    plate: VideoFrame
-    eye_m: float
-    shown: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeasuredPlate:
-    """What a frame's plate shows.
-
-    now: the scene at the frame's time. filed: the plate with its grade. eyes: its pictures without it. light: None
-    where nothing is lit.
-    """
-
-    now: Loaded
-    filed: VideoFrame
-    eyes: tuple[Eye, ...]
-    light: FrameLight | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Instant:
     """What an eye sees at one instant of a frame's exposure: the shot, and its shafts, None where there are none.
 
@@ -118,23 +90,21 @@ class Instant:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameShots:
-    """What is to be drawn for a frame. water: None without any. by_eye: for each eye the instants of the exposure."""
+    """What is to be drawn for a frame.
 
-    measured: MeasuredPlate
+    now: the scene at the frame's time. filed: the plate with its grade. light: None where nothing is lit. water: None
+    without any. eyes: for each eye the plate without its grade, and the instants of the exposure.
+    """
+
+    now: Loaded
+    filed: VideoFrame
+    light: FrameLight | None
     water: MediumTable | None
-    by_eye: tuple[tuple[Instant, ...], ...]
+    eyes: tuple[tuple[VideoFrame, tuple[Instant, ...]], ...]
 
 
-Drawn = tuple[Shot, Layer, Aovs | None]
-"""What an eye sees of one instant: the shot, its layer and, if asked for, the layer's output variables."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DrawnFrame:
-    """What is drawn for a frame. by_eye: for each eye what it sees of every instant of the exposure."""
-
-    shots: FrameShots
-    by_eye: tuple[tuple[Drawn, ...], ...]
+Drawn = tuple[tuple[tuple[Layer, Aovs | None], ...], ...]
+"""For each eye of a frame, the layer of every instant and, if asked for, the layer's output variables."""
 
 
 def composite_frame(
@@ -144,64 +114,54 @@ def composite_frame(
     plate: VideoFrame,
     shutter_s: float,
     *,
-    variables: bool = False,
     cache: Cache | None = None,
     light: FrameLight | None = None,
 ) -> Frame:
     """Return a frame, a function of what is loaded, the clip's analysis and the plate's frame alone.
 
-    shutter_s: exposure time [s], for motion blur. variables: whether the layer's output variables are asked for.
-    light: between samples of a clip (`plate_light.LightSamples`); None measures it in this frame. cache: results of
-    the same backend's frames: a stage runs unless its result is there.
+    shutter_s: exposure time [s], for motion blur. light: between samples of a clip (`plate_light.LightSamples`); None
+    measures it in this frame. cache: results of the same backend's frames: a stage runs unless its result is there.
     """
     cache = Cache(loaded.scene.plate.eyes) if cache is None else cache
-    measured = measure_plate(loaded, analysis, plate, cache, light)
-    shots = frame_shots(loaded, backend, measured, shutter_s, cache)
-    drawn = draw_frame(backend, shots, cache, variables=variables)
-    return blend_frame(loaded, analysis, drawn, cache)
-
-
-def measure_plate(
-    loaded: Loaded, analysis: ClipAnalysis, filed: VideoFrame, cache: Cache, light: FrameLight | None = None
-) -> MeasuredPlate:
-    """Return the light of a plate's frame and what its eyes show, on any thread."""
-    now = loaded.at(filed.time_s)
-    plate = ungraded(now, analysis.grade, filed, cache)
-    if loaded.plan.environment.runs:
-        if light is None:
-            light = plate_light(now, analysis, plate, cache)
-        finite("light", plate.index, (light.environment, light.gain, light.plate_ratio))
-    return MeasuredPlate(now, filed, eyes_of(now, analysis.background, plate, cache), light)
+    shots = frame_shots(loaded, analysis, backend, plate, shutter_s, cache, light)
+    return blend_frame(loaded, analysis, shots, draw_frame(backend, shots, cache), cache)
 
 
 def frame_shots(
-    loaded: Loaded, backend: Backend, measured: MeasuredPlate, shutter_s: float, cache: Cache
-) -> FrameShots:
-    """Return what is to be drawn for a frame, with its water, caustics and shafts, on any thread."""
-    now, light = measured.now, measured.light
-    index, time_s = measured.filed.index, measured.filed.time_s
-    if light is None or not loaded.plan.layer.runs:
-        return FrameShots(measured, None, tuple(() for _ in measured.eyes))
+    loaded: Loaded, analysis: ClipAnalysis, backend: Backend, filed: VideoFrame, shutter_s: float, cache: Cache,
+    light: FrameLight | None = None,
+) -> FrameShots:  # fmt: skip
+    """Return what is to be drawn for a plate's frame, with its light, water, caustics and shafts, on any thread."""
+    now, time_s, index = loaded.at(filed.time_s), filed.time_s, filed.index
+    plate = ungraded(now, analysis.grade, filed, cache)
+    pictures = plate_of_eyes(now, plate)
+    if not loaded.plan.layer.runs:
+        return FrameShots(now, filed, None, None, tuple((picture, ()) for picture, _ in pictures))
+    # Measure light and water, which hold for all instants
+    light = plate_light(now, analysis, plate, cache) if light is None else light
+    finite("light", index, (light.environment, light.gain, light.plate_ratio))
     water = finite("water", index, cache.of(exposed_water, now.surroundings, light, time_s))
-    # Instants over which the frame is averaged for motion blur, one without it; light and water hold for all of them
+    shown = [shown_to_eye(now, analysis.background, eye, *pictures[eye], cache) for eye in range(len(pictures))]
+    # Instants over which the frame is averaged for motion blur, one without it
     steps = now.scene.draw.motion_samples if shutter_s > 0.0 and loaded.moves else 1
     times = time_s + ((np.arange(steps) + 0.5) / steps - 0.5) * shutter_s
-    by_eye: list[list[Instant]] = [[] for _ in measured.eyes]
+    seen: list[list[Instant]] = [[] for _ in pictures]
     for instant_s in times.tolist():
         then = now if steps == 1 else loaded.at(instant_s, now)
         shot = shot_at(then, backend, light, water, instant_s, index, cache)
         shafts = shafts_of(then, backend, shot, instant_s, cache)
-        for eye, seen in zip(measured.eyes, by_eye, strict=True):
-            of_eye = replace(shot, view=replace(shot.view, eye_m=eye.eye_m), **eye.shown)
+        for (_, eye_m), fields_of_eye, instants in zip(pictures, shown, seen, strict=True):
+            of_eye = replace(shot, view=replace(shot.view, eye_m=eye_m), **fields_of_eye)
             prepared = cache.of(backend.prepare, of_eye, cache, keep=2)
-            seen.append(Instant(instant_s, then, of_eye, shafts, shutter_s / steps, prepared))
-    return FrameShots(measured, water, tuple(map(tuple, by_eye)))
+            instants.append(Instant(instant_s, then, of_eye, shafts, shutter_s / steps, prepared))
+    eyes = tuple((picture, tuple(instants)) for (picture, _), instants in zip(pictures, seen, strict=True))
+    return FrameShots(now, filed, light, water, eyes)
 
 
-def draw_frame(backend: Backend, shots: FrameShots, cache: Cache, *, variables: bool = False) -> DrawnFrame:
+def draw_frame(backend: Backend, shots: FrameShots, cache: Cache, *, variables: bool = False) -> Drawn:
     """Return the layers of a frame, on the thread of its backend."""
     by_eye = []
-    for instants in shots.by_eye:
+    for _, instants in shots.eyes:
         drawn = []
         for at in instants:
             layer, found = cache.of(draw_layer, backend, at.shot, at.prepared, at.shafts, variables, cache)
@@ -209,76 +169,78 @@ def draw_frame(backend: Backend, shots: FrameShots, cache: Cache, *, variables: 
                 layer, found = with_surface(at, backend, layer, found, cache)
             if at.now.plan.snow.runs:
                 layer, found = with_snow(at, backend, layer, found, cache)
-            drawn.append((at.shot, layer, found))
+            drawn.append((layer, found))
         by_eye.append(tuple(drawn))
-    return DrawnFrame(shots, tuple(by_eye))
+    return tuple(by_eye)
 
 
-def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache: Cache) -> Frame:
+def blend_frame(loaded: Loaded, analysis: ClipAnalysis, shots: FrameShots, by_eye: Drawn, cache: Cache) -> Frame:
     """Return the composite of what was drawn and the plate, on any thread, beside the next frame."""
-    measured, frames = drawn.shots.measured, []
-    for eye, instants in zip(measured.eyes, drawn.by_eye, strict=True):
-        layer = mean_layer([layer for _, layer, _ in instants]) if instants else Layer(loaded.height, loaded.width, ())
-        look = asked_grade(measured.now, analysis.grade, measured.filed, layer, cache)  # of the left eye for both
-        layer = cache.of(with_grade, layer, look, eye.plate) if look.reach_px > 0 else layer
-        picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
-        shot, _, variables = instants[-1] if instants else (None, None, None)
-        caustics = None if shot is None else shot.caustics
-        frames.append(Frame(picture, eye.plate, layer, measured.light, drawn.shots.water, caustics, variables))
+    frames = []
+    for (plate, instants), drawn in zip(shots.eyes, by_eye, strict=True):
+        layer = mean_layer([layer for layer, _ in drawn]) if drawn else Layer(loaded.height, loaded.width, ())
+        look = asked_grade(shots.now, analysis.grade, shots.filed, layer, cache)  # of the left eye for both
+        layer = cache.of(with_grade, layer, look, plate) if look.reach_px > 0 else layer
+        picture = cache.of(lay_over, plate, layer, shots.now.scene.draw.grain)
+        caustics, variables = (instants[-1].shot.caustics, drawn[-1][1]) if drawn else (None, None)
+        frames.append(Frame(picture, plate, layer, shots.light, shots.water, caustics, variables))
     if len(frames) == 1:
         return frames[0]
     left, right = frames
     return replace(left, picture=replace(left.picture, right=right.picture), right=right)
 
 
-def eyes_of(now: Loaded, background: Background | None, plate: VideoFrame, cache: Cache) -> tuple[Eye, ...]:
-    """Return the eyes of a plate's frame: itself, or left and right where the scene works on both.
+def plate_of_eyes(now: Loaded, plate: VideoFrame) -> list[tuple[VideoFrame, float]]:
+    """Return what the eyes of a plate's frame show, itself, or left and right where the scene works on both, and how
+    far each is to the right of the middle [m].
 
-    background: of the clip. cache: holds what does not change from frame to frame. Raises `ParameterError` where the
-    scene works on both eyes and the frame is one panorama.
+    Raises `ParameterError` where the scene works on both eyes and the frame is one panorama.
     """
-    pictures = [(plate, 0.0)]
-    if now.scene.plate.eye == "both":
-        if plate.right is None:
-            raise ParameterError(
-                'plate.eye - is "both", but the frame has one eye - take frames that open_video(..., eye="both") '
-                "reads, or leave out plate.eye"
-            )
-        half_m = 0.5 * now.scene.camera.ipd_m
-        pictures = [(plate, -half_m), (plate.right, half_m)]
-    if not now.plan.layer.runs:
-        return tuple(Eye(*picture) for picture in pictures)
-    eyes = []
-    for number, (picture, eye_m) in enumerate(pictures):
-        if background is not None and eye_m:  # the mean is of the left eye's pictures
-            background = Background(None, background.strength)
-        shown: dict[str, Any] = {
-            "receiver": now.receiver_at(plate.index, plate.time_s, number, eye_m),
-            "pattern": plate_pattern(now, background, picture, cache),
-            "unseen": unseen_change(picture.spec),
-        }
-        shown["holdout"], shown["holdout_distance_m"] = now.mattes.at(plate.index, number)
-        if now.plate_depth is not None:
-            _hide_behind(shown, now.plate_depth.surfaces(plate.index, picture, number))
-        eyes.append(Eye(picture, eye_m, shown))
-    return tuple(eyes)
+    if now.scene.plate.eye != "both":
+        return [(plate, 0.0)]
+    if plate.right is None:
+        raise ParameterError(
+            'plate.eye - is "both", but the frame has one eye - take frames that open_video(..., eye="both") '
+            "reads, or leave out plate.eye"
+        )
+    half_m = 0.5 * now.scene.camera.ipd_m
+    return [(plate, -half_m), (plate.right, half_m)]
 
 
-def _hide_behind(shown: dict[str, Any], of_plate: PlateSurfaces) -> None:
-    """Add what the plate's own depth hides to the mattes of an eye, with what lies beside the edges of it."""
-    matte_m, metres, beside_m = shown["holdout_distance_m"], of_plate.distance_m, of_plate.beside_m
-    shown["holdout_distance_m"] = metres if matte_m is None else np.minimum(matte_m, metres)
-    shown["holdout_soft"] = True
-    if beside_m is not None and of_plate.share is not None:
-        beside_m = beside_m if matte_m is None else np.minimum(matte_m, beside_m)
-        shown["holdout_beside"] = beside_m, of_plate.share
+def shown_to_eye(
+    now: Loaded, background: Background | None, number: int, plate: VideoFrame, eye_m: float, cache: Cache
+) -> dict[str, Any]:
+    """Return the fields of a shot that one eye's picture shows: receiver, the plate's own caustics there, and mattes.
+
+    background: of the clip. eye_m: of the eye to the right of the middle. cache: holds what does not change from frame
+    to frame.
+    """
+    if background is not None and eye_m:  # the mean is of the left eye's pictures
+        background = Background(None, background.strength)
+    shown: dict[str, Any] = {
+        "receiver": now.receiver_at(plate.index, plate.time_s, number, eye_m),
+        "pattern": plate_pattern(now, background, plate, cache),
+        "unseen": unseen_change(plate.spec),
+    }
+    mask, metres = now.mattes.at(plate.index, number)
+    # What the plate's own depth hides is added to the mattes, with what lies beside the edges of it
+    if now.plate_depth is not None:
+        of_plate = now.plate_depth.surfaces(plate.index, plate, number)
+        nearer = [of_plate.distance_m, of_plate.beside_m]
+        if metres is not None:
+            nearer = [None if one is None else np.minimum(metres, one) for one in nearer]
+        metres, beside_m = nearer
+        shown["holdout_soft"] = True
+        if beside_m is not None and of_plate.share is not None:
+            shown["holdout_beside"] = beside_m, of_plate.share
+    return shown | {"holdout": mask, "holdout_distance_m": metres}
 
 
 def shot_at(
     loaded: Loaded, backend: Backend, light: FrameLight, water: MediumTable | None, time_s: float, index: int,
     cache: Cache,
 ) -> Shot:  # fmt: skip
-    """Return the shot of an instant of frame `index`, without what is of one eye (`Eye.shown`).
+    """Return the shot of an instant of frame `index`, without what is of one eye (`shown_to_eye`).
 
     cache: holds the light in the world's axes, and caustics of the same backend.
     """

@@ -201,19 +201,14 @@ class EnvironmentReader:
     def __init__(
         self, scene: Scene, table: MediumTable | None, camera_at: Callable[[float], tuple[Floats, Floats]]
     ) -> None:
-        self._underwater, self._camera_at, self._table = table is not None, camera_at, table
-        self._share = scene.water.sun_share
-        self._refractive_index = scene.water.refractive_index
-        self._clearness = None if table is None else _clearness(table)
-        settings = scene.light
-        self._closed = settings.direct_to_diffuse is None and settings.operator == "closure"
-        self._settings: LightSettings = settings
+        self._water, self._settings, self._camera_at, self._table = scene.water, scene.light, camera_at, table
+        self._clearness, settings = None if table is None else _clearness(table), scene.light
         self._sun: Floats | Literal["detect"] | None = "detect"
         if settings.sun == "none":
             self._sun = None
         elif settings.sun in ("given", "date"):
             self._sun = settings.given_direction
-            if self._sun is not None and settings.sun == "date" and self._underwater:
+            if self._sun is not None and settings.sun == "date" and table is not None:
                 self._sun = refract_to_water(self._sun, scene.water.refractive_index)
 
     def of(
@@ -236,7 +231,7 @@ class EnvironmentReader:
         elif isinstance(chosen, np.ndarray):
             chosen = chosen @ world_from_camera
         options: Any = {
-            "underwater": self._underwater, "refractive_index": self._refractive_index, "glossy": glossy,
+            "underwater": self._table is not None, "refractive_index": self._water.refractive_index, "glossy": glossy,
             "up": world_from_camera[1], "clearness": self._clearness,
         }  # fmt: skip
         if isinstance(plate, YuvImage):
@@ -258,8 +253,8 @@ class EnvironmentReader:
         """
         assert self._table is not None
         sun_up = max(float(sun.direction @ up), MINIMUM_SUN_UP)
-        depth, in_air = self._table.camera_depth_m, _sine_in_air(sun_up, self._refractive_index)
-        share = self._share or max(direct_share(in_air), _LEAST_DIRECT_SHARE)
+        depth, in_air = self._table.camera_depth_m, _sine_in_air(sun_up, self._water.refractive_index)
+        share = self._water.sun_share or max(direct_share(in_air), _LEAST_DIRECT_SHARE)
         direct = beam_below(share, in_air)
         left = beam_fraction(self._table, depth, sun_up)
         beam = direct * left
@@ -275,19 +270,19 @@ class EnvironmentReader:
         sun = replace(sun, shown=sun.shown * float(np.clip((of_beam - _GLITTER) / (_DISC - _GLITTER), 0.0, 1.0)))
         clear = max(self._clearness or 0.0, sun.shown)
         mixed = np.maximum(solved, _LEAST_LIGHT) ** (1.0 - clear) * np.maximum(sun.irradiance, _LEAST_LIGHT) ** clear
-        if not self._closed:
+        if self._settings.direct_to_diffuse is not None or self._settings.operator != "closure":
             mixed *= luminance(sun.irradiance) / luminance(mixed)
         return replace(sun, irradiance=mixed.astype(np.float32))
 
     def sun_found(self, plate: Floats | YuvImage, time_s: float) -> tuple[str, str]:
         """Return what is found of a sun in a plate's frame; see `detect.sun_found`."""
         world_from_camera, settings = self.world_from_camera(time_s), self._settings
-        options: Any = {"up": world_from_camera[1], "refractive_index": self._refractive_index}
+        options: Any = {"up": world_from_camera[1], "refractive_index": self._water.refractive_index}
         if isinstance(plate, YuvImage):
             seen: Plate = plate_of_yuv(plate, settings, **options)
         else:
             seen = LinearPlate(checked_plate(plate), settings, **options)
-        return sun_found(seen, world_from_camera, underwater=self._underwater)
+        return sun_found(seen, world_from_camera, underwater=self._table is not None)
 
     def world_from_camera(self, time_s: float) -> Floats:
         """Return the rotation (3, 3) of the camera at `time_s`."""

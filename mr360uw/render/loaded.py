@@ -8,7 +8,6 @@ scene with keys, from one instant to the next.
 
 from __future__ import annotations
 
-import functools
 import math
 import threading
 from collections.abc import Iterable, Iterator
@@ -22,10 +21,9 @@ from mr360uw.base.cache import Cache
 from mr360uw.base.constants import PI
 from mr360uw.base.input_files import files_read
 from mr360uw.composite import PlacedObject, SceneObject, load_objects
-from mr360uw.composite.objects import Receiver, SceneLamp, load_lamps, on_the_floor, on_the_sea
-from mr360uw.composite.settings import ReceiverSettings
+from mr360uw.composite.objects import SceneLamp, load_lamps, on_the_floor, on_the_sea
+from mr360uw.composite.shot import Receiver
 from mr360uw.errors import ParameterError, SceneError
-from mr360uw.medium import Medium
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.plan import CausticDepths, ObjectFacts, Plan, joined_plan, make_plan
 from mr360uw.render.surroundings import (
@@ -41,7 +39,6 @@ from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import WaterBetween, scene_at, water_between
 from mr360uw.scene.toml_model import dotted
 from mr360uw.types import Floats, Lamp, View
-from mr360uw.video.layout import Eye
 
 if TYPE_CHECKING:
     from mr360uw.depth.occlusion import PlateDepth
@@ -210,7 +207,9 @@ class Loader:
             trimmed = [one.model_copy(update={"exposure": one.exposure + stops}) for one in scene.objects]
             placed = load_objects(trimmed if stops else scene.objects, reads)
         with files_read() as other_files:
-            receiver = reads.of(_receiver, scene.receiver, *self._size, scene.plate.eye)
+            receiver = None
+            if scene.receiver is not None:
+                receiver = reads.of(ReceiverClip, scene.receiver, width, height, scene.plate.eye)
             surroundings = load_surroundings(scene, reads, between) if frame is None else frame.surroundings
         medium, camera = surroundings.medium, surroundings.camera
         plate_depth = load_plate_depth(scene, (width, height), reads)
@@ -262,8 +261,12 @@ class Loader:
         )
         if medium is None:
             return make_plan(scene, facts, None, clip=self._clip)
-        shallowest_m = camera.depth_m - camera.highest_m
-        share = functools.partial(_beam_share, medium, shallowest_m)
+
+        def share() -> float:
+            from mr360uw.medium.shafts.shaft_scene import beam_share
+
+            return beam_share(medium, camera.depth_m - camera.highest_m)
+
         return make_plan(scene, facts, medium.unit_table, share, clip=self._clip)
 
 
@@ -290,19 +293,9 @@ def check_above_floor(scene: Scene, reads: Cache) -> None:
         )
 
 
-def _receiver(settings: ReceiverSettings | None, width: int, height: int, eye: Eye | None) -> ReceiverClip | None:
-    return None if settings is None else ReceiverClip(settings, width, height, eye)
-
-
 def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
     """Return one scene loaded by a `Loader`."""
     return Loader(width, height, clip=clip).load(scene)
-
-
-def _beam_share(medium: Medium, depth_m: float) -> float:
-    from mr360uw.medium.shafts.shaft_scene import beam_share
-
-    return beam_share(medium, depth_m)
 
 
 def _notes(loaded: Loaded) -> tuple[str, ...]:

@@ -12,9 +12,9 @@ import numpy as np
 
 from mr360uw.base.cache import Cache
 from mr360uw.base.input_files import Stamp, stamp
-from mr360uw.composite.objects import Receiver
 from mr360uw.composite.receiver.shape import load_receiver, map_range, without_steps
 from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
+from mr360uw.composite.shot import Receiver
 from mr360uw.errors import VideoError
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, open_video
@@ -30,13 +30,11 @@ _FINEST = 1.0 / 4096.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grey:
-    """One picture. values: (h, w) float32, as fractions of white, or as stored if `metric` (floating point files).
-
-    step: rounding step of the values, 0 for none.
+    """One picture. values: (h, w) float32, as fractions of white. step: their rounding step; 0 of floating point files,
+    whose values are as stored.
     """
 
     values: Floats
-    metric: bool
     step: float
 
 
@@ -94,11 +92,12 @@ class GreyClip:
         if self._frames is None or index != self._last + 1:
             self._frames = iter(self._reader.frames(index))
         frame, self._last = next(self._frames), index
-        metric, lossy = frame.spec.bits == 32, frame.yuv is not None
-        step = 0.0 if metric else (_LOSSY_STEPS if lossy else 1.0) / ((1 << frame.spec.bits) - 1)
+        step = 0.0
+        if frame.spec.bits != 32:
+            step = (1.0 if frame.yuv is None else _LOSSY_STEPS) / ((1 << frame.spec.bits) - 1)
         whole = frame.image_linear.mean(axis=-1)
         parts = [whole] if self._axis is None else np.split(whole, 2, axis=self._axis)
-        return tuple(Grey(part, metric, step) for part in parts)
+        return tuple(Grey(part, step) for part in parts)
 
 
 def _is_like(shape: tuple[int, int], width: int, height: int, axis: int) -> bool:
@@ -113,7 +112,7 @@ def distances(grey: Grey, range_m: tuple[float, float]) -> Floats:
     range_m: distances of black and white; a floating point picture holds metres. Values within half a step of 0 count
     as 0.
     """
-    metres = grey.values if grey.metric else map_range(grey.values, range_m)
+    metres = map_range(grey.values, range_m) if grey.step else grey.values
     nothing = 0.5 * grey.step * abs(range_m[1] - range_m[0])
     return np.where(np.isfinite(metres) & (metres > nothing), metres, np.inf)
 

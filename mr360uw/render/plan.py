@@ -17,8 +17,8 @@ import numpy as np
 from mr360uw.caustics.settings import CausticSettings, PlaneLadder, Span, grid_of, map_size
 from mr360uw.caustics.sun_disc import detail_footprint
 from mr360uw.composite import Receiver, SceneObject, Shot
-from mr360uw.composite.objects import FAINTEST, WITHIN_M
 from mr360uw.composite.settings import NEAREST_M
+from mr360uw.composite.shot import FAINTEST, WITHIN_M
 from mr360uw.ibl import LightSettings
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup
 from mr360uw.render.surroundings import CameraPath

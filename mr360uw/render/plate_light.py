@@ -23,7 +23,7 @@ from mr360uw.base.cache import Cache
 from mr360uw.base.color import code_range, decode_signal
 from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, MINIMUM_SUN_UP
 from mr360uw.base.sphere import directions, row_solid_angle
-from mr360uw.composite.objects import BetweenSamples, LightSample
+from mr360uw.composite.shot import BetweenSamples, LightSample
 from mr360uw.errors import DamagedFrameError
 from mr360uw.ibl import SunTrack
 from mr360uw.ibl.lighting import light_between, sun_between, turned
@@ -201,27 +201,17 @@ class LightSamples:
         between = BetweenSamples(before.lit, after.lit, share) if not self._loaded.scene.keys else None
         if before is after:
             return replace(light, between=between)
-        rotation = self._loaded.at(plate.time_s).surroundings.camera.at(plate.time_s)[1]
-        sun = self._sun(before, after, plate, share, rotation)
+        # The sun of the clip's track, or between those of the samples, in the frame's own axes
+        now, known, sun = self._loaded.surroundings_at(plate.time_s), self._analysis.sun_at(plate.index), None
+        a, b = light.environment.sun, after.light.environment.sun
+        if a is not None and b is not None:
+            sun = sun_between(a, b, share)
+            if isinstance(known, Sun):
+                sun = replace(known, direction=known.direction @ now.camera.at(plate.time_s)[1])
         environment = light_between(light.environment, after.light.environment, share, sun)
         gain = None if light.gain is None else self._analysis.gain_at(plate.index)
-        ratio = plate_ratio(
-            self._loaded.surroundings_at(plate.time_s), self._analysis, self._ungraded(plate), gain, sun
-        )
+        ratio = plate_ratio(now, self._analysis, self._ungraded(plate), gain, sun)
         return FrameLight(environment, gain, ratio, between)
-
-    def _sun(self, before: _Sampled, after: _Sampled, plate: VideoFrame, share: float, rotation: Floats) -> Sun | None:
-        """Return the sun of a frame in its own axes: that of the clip's track, or between those of two samples.
-
-        rotation: (3, 3) of the camera.
-        """
-        known = self._analysis.sun_at(plate.index)
-        a, b = before.light.environment.sun, after.light.environment.sun
-        if a is None or b is None:
-            return None
-        if isinstance(known, Sun):
-            return replace(known, direction=known.direction @ rotation)
-        return sun_between(a, b, share)
 
 
 def _share(before: _Sampled, after: _Sampled, plate: VideoFrame) -> float:

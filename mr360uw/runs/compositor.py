@@ -21,7 +21,7 @@ from mr360uw.base.threads import one_blas_thread, prefetch
 from mr360uw.errors import ParameterError
 from mr360uw.render.backends import Backend, close_backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
-from mr360uw.render.frame import Frame, FrameShots, blend_frame, composite_frame, draw_frame, frame_shots, measure_plate
+from mr360uw.render.frame import Frame, FrameShots, blend_frame, composite_frame, draw_frame, frame_shots
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import LightSamples
 from mr360uw.scene.model import Scene
@@ -242,7 +242,7 @@ class Compositor:
             for shots in frames:
                 with self._one_thread, one_blas_thread():
                     drawn = draw_frame(self._renderer, shots, self._cache())
-                    result = _result(blend_frame(loaded, analysis, drawn, self._cache()))
+                    result = _result(blend_frame(loaded, analysis, shots, drawn, self._cache()))
                 yield result
 
     def _cache(self) -> Cache:
@@ -293,8 +293,7 @@ def shots_of_clip(
     """Yield what is to be drawn for frames [start, stop) of a clip, with their light measured, on any thread."""
     cache, exposure_s = Cache(loaded.scene.plate.eyes), loaded.scene.draw.exposure_s(video.frame_rate)
     for plate, light in LightSamples(loaded, analysis, video, decode).frames(start, stop):
-        measured = measure_plate(loaded, analysis, plate, cache, light)
-        yield frame_shots(loaded, backend, measured, exposure_s, cache)
+        yield frame_shots(loaded, analysis, backend, plate, exposure_s, cache, light)
 
 
 def _result(frame: Frame) -> FrameResult:

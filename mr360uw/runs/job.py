@@ -29,7 +29,7 @@ from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError, ParameterError, VideoError, install_command, optional
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import DrawnFrame, Frame, FrameShots, blend_frame, draw_frame
+from mr360uw.render.frame import Drawn, Frame, FrameShots, blend_frame, draw_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.runs.compositor import shots_of_clip
 from mr360uw.runs.work_folder import Part, SegmentSink, WorkFolder
@@ -130,7 +130,7 @@ class OpenJob:
         self._times = RunTimes()
         files = self.job.work.files(start)
         drawing, blending, sink = self._cache(), self._cache(), self._sink(files)
-        behind: Behind[DrawnFrame] = Behind(lambda drawn: self._write(drawn, sink, files, blending), _WAITING)
+        behind = Behind[tuple[FrameShots, Drawn]](lambda one: self._write(*one, sink, files, blending), _WAITING)
         renderer = f"{self.backend.name} ({self.backend.device})"
         variables = self.job.layers is not None
         with one_blas_thread(), sink, behind, closing(prefetch(self._read(start, stop), _WAITING)) as frames:
@@ -138,7 +138,7 @@ class OpenJob:
                 since = time.perf_counter()
                 drawn = draw_frame(self.backend, shots, drawing, variables=variables)
                 self._times.add("render", since)
-                behind.put(drawn)
+                behind.put((shots, drawn))
                 self._times.renderers[renderer] += 1
                 done()
         return self._times
@@ -164,10 +164,10 @@ class OpenJob:
             yield plate
             since = time.perf_counter()
 
-    def _write(self, drawn: DrawnFrame, sink: VideoWriter, files: WrittenFiles, cache: Cache) -> None:
+    def _write(self, shots: FrameShots, drawn: Drawn, sink: VideoWriter, files: WrittenFiles, cache: Cache) -> None:
         """Composite a frame and write it, and before it the file of its layers. cache: results of earlier frames."""
         times, since = self._times, time.perf_counter()
-        frame = blend_frame(self.loaded, self._analysis, drawn, cache)
+        frame = blend_frame(self.loaded, self._analysis, shots, drawn, cache)
         since = times.add("blend", since)
         sunless = frame.light is not None and frame.light.environment.sun is None
         times.frames.update(all=1, empty=not frame.layer.tiles, sunless=sunless)

@@ -18,7 +18,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.types import Floats, View
 
 if TYPE_CHECKING:
-    from mr360uw.composite.objects import Receiver
+    from mr360uw.composite.shot import Receiver
 
 _WIDEST_RAD = 1.4
 _NARROWEST_RAD = 1e-3

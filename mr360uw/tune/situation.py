@@ -24,8 +24,8 @@ from mr360uw.tune.placing import Point, shown_at
 from mr360uw.types import Floats, View
 
 if TYPE_CHECKING:
-    from mr360uw.composite.objects import PlacedObject, Receiver
     from mr360uw.composite.settings import ObjectSettings
+    from mr360uw.composite.shot import PlacedObject, Receiver
     from mr360uw.preview.live import LivePreview
     from mr360uw.render.loaded import Loaded
     from mr360uw.render.plate_light import FrameLight

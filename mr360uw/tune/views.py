@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from mr360uw.base.color import encode
 from mr360uw.caustics import refract_to_air
-from mr360uw.composite.objects import PlacedObject, Receiver
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shading import veil_ahead
+from mr360uw.composite.shot import PlacedObject, Receiver
 from mr360uw.ibl.lighting import turned
 from mr360uw.medium.scattered_light import spread_of
 from mr360uw.preview.live import narrowed

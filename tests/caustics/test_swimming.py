@@ -11,8 +11,8 @@ import pytest
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.motion import rigid, rotation_matrix
-from mr360uw.composite.objects import PlacedObject, Shot
 from mr360uw.composite.reference import render_layer
+from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.types import CausticStack, Layer
 from tests.caustics import tolerances as tol
 from tests.composite.scenes import SUN, placed, shot, sphere

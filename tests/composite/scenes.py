@@ -21,8 +21,8 @@ from mr360uw.composite.gl.self_test import (
     shot,
     sphere,
 )
-from mr360uw.composite.objects import Shot
 from mr360uw.composite.settings import DrawSettings
+from mr360uw.composite.shot import Shot
 from mr360uw.types import View
 
 __all__ = ["SUN", "box", "caustics", "changed", "checker", "codes", "eight_shots", "environment", "medium", "placed",

@@ -26,9 +26,9 @@ from mr360uw.composite.ambient.solver import AmbientLight, ambient_light, free_o
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
-from mr360uw.composite.objects import PlacedObject, Receiver, Shot
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shading import ggx_distribution, lobe_axis, smith_visibility
+from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.ibl.filters import irradiance
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup, reduce_map

@@ -14,7 +14,7 @@ from mr360uw.base.cache import Cache
 from mr360uw.composite.ambient.mesh_transfer import make_transfer, product
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.objects import BetweenSamples, LightSample, PlacedObject, Receiver, Shot
+from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, environment, placed, shot, sphere

@@ -10,8 +10,8 @@ from mr360uw.base.cache import Cache, Scratch
 from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of, visibility_of
 from mr360uw.composite.light_sources import Blockers, light_sources
 from mr360uw.composite.mesh.material import Material, make_texture
-from mr360uw.composite.objects import Shot
 from mr360uw.composite.sampling import WHOLE_PIXEL
+from mr360uw.composite.shot import Shot
 from mr360uw.types import Floats, Lamp, Sun
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, placed, quad, shot, sphere

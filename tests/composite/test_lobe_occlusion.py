@@ -15,9 +15,9 @@ from mr360uw.composite.ambient.mesh_transfer import make_lattice, points_at
 from mr360uw.composite.ambient.solver import _weigh, ambient_light
 from mr360uw.composite.gl.device import list_texture
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.objects import Shot
 from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.shading import ggx_distribution, resolved_alpha, smith_visibility
+from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lighting import environment as sky_light
 from mr360uw.types import Environment, Floats
 from tests.composite import tolerances as tol

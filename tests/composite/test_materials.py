@@ -16,8 +16,8 @@ from mr360uw.composite import load_mesh
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.mesh.material import Material, make_texture
-from mr360uw.composite.objects import PlacedObject, Shot
 from mr360uw.composite.reference import render_aovs
+from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.types import Layer, Sun
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile

@@ -14,8 +14,8 @@ from mr360uw.base.sphere import basis
 from mr360uw.composite.ambient.mesh_transfer import find_nearest_points, make_lattice, points_at
 from mr360uw.composite.gl.shadow_columns import ShadowFrame
 from mr360uw.composite.motion import object_motion
-from mr360uw.composite.objects import PlacedObject
 from mr360uw.composite.settings import KeySettings, ObjectSettings
+from mr360uw.composite.shot import PlacedObject
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, placed, sphere
 

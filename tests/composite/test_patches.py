@@ -12,7 +12,7 @@ from mr360uw.base.cache import Cache
 from mr360uw.composite.ambient.blocked_light import most_blocked
 from mr360uw.composite.ambient.ground_light import SMOOTH_PATCH, camera_place, ground_field, make_quadtree
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
-from mr360uw.composite.objects import BetweenSamples, LightSample, Receiver, Shot
+from mr360uw.composite.shot import BetweenSamples, LightSample, Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, changed, environment, placed, shot, sphere

@@ -19,14 +19,15 @@ from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.light_sources import Blockers, light_sources
 from mr360uw.composite.mesh.material import Material, make_texture
 from mr360uw.composite.motion import rotation_matrix
-from mr360uw.composite.objects import Receiver, Shot
+from mr360uw.composite.over_plate import over, tile_of
 from mr360uw.composite.raycast import pixel_footprint
 from mr360uw.composite.receiver.blocks import Ground, prepare
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.reference import render_layer
-from mr360uw.composite.tiles import over, tile_of
+from mr360uw.composite.sampling import WHOLE_PIXEL
+from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Environment, Floats, Layer, Rectangle, YuvImage
 from mr360uw.video import VideoFrame
 from tests.composite import tolerances as tol
@@ -65,7 +66,8 @@ def pixelwise(scene: Shot) -> tuple[Floats, Floats]:
     sources = light_sources(scene, Blockers(scene))
     point = scene.view.directions(x, y)[there] * distance[there][:, None]
     free = free_of_bodies(scene, ambient_light(scene, Cache()), point, normal[there], Cache())
-    sides = pixel_footprint(scene.view, x[there], y[there], point, normal[there])
+    whole = np.tile(WHOLE_PIXEL, (len(point), 1))
+    sides = pixel_footprint(scene.view, x[there], y[there], point, normal[there], whole)
     ratio[there] = receiver_ratio(scene, sources, free, point, normal[there], distance[there], sides=sides)
     return ratio, distance
 

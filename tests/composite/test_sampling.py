@@ -10,8 +10,8 @@ from mr360uw.base.sphere import directions, unit
 from mr360uw.composite.gl.visible_surfaces import find_surfaces
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import make_mesh
-from mr360uw.composite.objects import PlacedObject
 from mr360uw.composite.sampling import pattern
+from mr360uw.composite.shot import PlacedObject
 from mr360uw.composite.tiles import even_tiles, rectangle_of_mask, rectangles_of_bodies
 from mr360uw.errors import ParameterError
 from tests.composite import tolerances as tol

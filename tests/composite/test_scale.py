@@ -9,8 +9,8 @@ import pytest
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.mesh.material import Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
-from mr360uw.composite.objects import Receiver, Shot
 from mr360uw.composite.reference import render_layer
+from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Lamp, Layer
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, placed, shot

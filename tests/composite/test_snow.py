@@ -13,9 +13,10 @@ from mr360uw.base.cache import Cache
 from mr360uw.base.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.spectral import SpectralSea
-from mr360uw.composite.objects import Receiver, Shot
+from mr360uw.composite.over_plate import empty_tile, over
 from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.settings import NEAREST_M, SnowSettings
+from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.composite.snow import (
     LEAST_RADIUS,
     Snow,
@@ -28,8 +29,7 @@ from mr360uw.composite.snow import (
     rest_of,
     with_particles,
 )
-from mr360uw.composite.snow_particles import Reach, SizeClass, number_between, orbits_of, particles_near, size_classes
-from mr360uw.composite.tiles import empty_tile, over
+from mr360uw.composite.snow_particles import SizeClass, number_between, orbits_of, particles_near, size_classes
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.types import Floats, Lamp, Layer, Rectangle, Sun, View
 from tests.composite import scenes
@@ -50,8 +50,8 @@ SEA = GerstnerSea()
 def about(
     centre: Floats, radius: float = 1.5, per_m3: float = CLASS.per_m3, seed: int = 3
 ) -> tuple[Floats, Floats, Any]:
-    reach = Reach(0.0, radius, np.inf)
-    return particles_near([replace(CLASS, per_m3=per_m3)], 3.0, seed, centre, [np.zeros(3)], [reach])
+    kind = replace(CLASS, per_m3=per_m3)
+    return particles_near([kind], 3.0, seed, centre, [np.zeros(3)], (0.0, radius, np.inf), [0.0])
 
 
 # --- numbers and sizes ---------------------------------------------------------------------------------------------
@@ -98,7 +98,7 @@ def test_particles_stay_where_the_camera_goes_and_where_the_water_thickens() -> 
     assert rows(here) < rows(about(np.zeros(3), per_m3=500.0))
     assert not rows(here) & rows(about(np.zeros(3), seed=4))
     moved = particles_near(
-        [CLASS], 3.0, 3, np.array([0.3, 7.0, 0.0]), [np.array([0.3, 7.0, 0.0])], [Reach(0.0, 1.5, np.inf)]
+        [CLASS], 3.0, 3, np.array([0.3, 7.0, 0.0]), [np.array([0.3, 7.0, 0.0])], (0.0, 1.5, np.inf), [0.0]
     )
     np.testing.assert_allclose(moved[0] - [0.3, 7.0, 0.0], here[0], atol=1e-13)  # roundings of 7 m
 

@@ -15,8 +15,8 @@ from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.light_sources import casting_bodies
 from mr360uw.composite.mesh.material import Material, Part, make_texture
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
-from mr360uw.composite.objects import PlacedObject, Receiver, Shot
 from mr360uw.composite.reference import render_layer
+from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.types import Layer, Sun
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile

@@ -12,8 +12,8 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.base.sphere import directions, unit
-from mr360uw.composite.objects import Receiver
 from mr360uw.composite.receiver.shape import touching_planes
+from mr360uw.composite.shot import Receiver
 from mr360uw.depth.occlusion import MOST_COLUMNS, OFF, on_relief
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.render.loaded import load

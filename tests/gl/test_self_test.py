@@ -13,7 +13,7 @@ import pytest
 from mr360uw.base.disk_cache import FOLDER
 from mr360uw.composite.gl import self_test
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.objects import Shot
+from mr360uw.composite.shot import Shot
 from mr360uw.errors import GlError
 from mr360uw.render.backends import make_backend
 from mr360uw.types import Layer

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mr360uw.composite import render_layer
-from mr360uw.composite.objects import Shot
+from mr360uw.composite.shot import Shot
 from tests.composite.scenes import codes, plate
 from tests.golden import tolerances as tol
 from tests.golden.pictures import FOLDER, NAMES, WIDTH, composite_codes, read_golden, shots

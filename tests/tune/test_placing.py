@@ -8,7 +8,7 @@ import pytest
 
 from mr360uw.base.sphere import yaw_matrix
 from mr360uw.composite.motion import rotation_matrix
-from mr360uw.composite.objects import Receiver
+from mr360uw.composite.shot import Receiver
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.tilt import level_matrix, roll_pitch
 from mr360uw.tune import click_tools as floor

@@ -43,7 +43,7 @@ from mr360uw.composite.ambient.mesh_transfer import (
     shape_transfer,
 )
 from mr360uw.composite.mesh.polygons import scale_of
-from mr360uw.composite.objects import PlacedObject
+from mr360uw.composite.shot import PlacedObject
 from mr360uw.jit import exact
 from mr360uw.types import Floats
 

@@ -29,7 +29,7 @@ from mr360uw.composite.ambient.blocked_light import (
     shown,
 )
 from mr360uw.composite.ambient.solver import AmbientLight, free_of_bodies
-from mr360uw.composite.objects import Shot
+from mr360uw.composite.shot import Shot
 from mr360uw.jit import fast, inlined
 from mr360uw.types import Floats
 

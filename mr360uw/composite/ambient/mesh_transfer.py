@@ -30,9 +30,9 @@ from mr360uw.base.sphere import unit
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.polygons import welded
-from mr360uw.composite.objects import PlacedObject
 from mr360uw.composite.raycast import Geometry, base_color, gather, opacity_key, surfaces_along
 from mr360uw.composite.shading import dielectric_f0, reflectance
+from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.filters import split_sum
 from mr360uw.jit import exact, inlined
 from mr360uw.types import Environment, Floats

@@ -69,9 +69,9 @@ from mr360uw.composite.ambient.mesh_transfer import (
     seen_by_camera,
 )
 from mr360uw.composite.light_sources import sun_of, sun_up
-from mr360uw.composite.objects import BetweenSamples, LightSample, PlacedObject, Shot
 from mr360uw.composite.raycast import Hits
 from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import fast
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup

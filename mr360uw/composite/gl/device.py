@@ -32,7 +32,7 @@ from mr360uw.base.caustic_lookup import mip_levels
 from mr360uw.base.constants import MAXIMUM_GLOSSY_LEVELS
 from mr360uw.composite.gl.light_visibility import Visibility, visibility_of
 from mr360uw.composite.light_sources import lamps_of, sun_of, sun_up, widest_half_angle
-from mr360uw.composite.objects import Shot
+from mr360uw.composite.shot import Shot
 from mr360uw.gl import texture_array_from_array
 from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.types import CausticStack, Environment, MediumTable

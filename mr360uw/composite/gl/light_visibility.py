@@ -30,7 +30,7 @@ from mr360uw.composite.gl.shadow_columns import (
     sun_frames,
 )
 from mr360uw.composite.light_sources import lamps_of, sun_of, wide_pixel_offsets, widest_half_angle
-from mr360uw.composite.objects import Shot
+from mr360uw.composite.shot import Shot
 from mr360uw.jit import borrowing, fast, inlined
 from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.types import Floats, View

@@ -30,8 +30,8 @@ from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Visi
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
 from mr360uw.composite.light_sources import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.objects import PlacedObject, Shot
 from mr360uw.composite.sampling import filter_width, root_of_moments
+from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.jit import exact
 from mr360uw.types import Floats, Tile
 

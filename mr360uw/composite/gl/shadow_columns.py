@@ -31,7 +31,7 @@ from mr360uw.composite.ambient.form_factors import rounded
 from mr360uw.composite.gl.triangles import BLENDED, MASKED, OPAQUE, mesh_looks
 from mr360uw.composite.gl.visible_surfaces import alpha_of, cutouts
 from mr360uw.composite.light_sources import sun_of
-from mr360uw.composite.objects import PlacedObject, Shot
+from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.jit import exact, fast
 from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.types import Floats, Lamp, Sun

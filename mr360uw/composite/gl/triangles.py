@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mr360uw.base.cache import PartOf
 from mr360uw.composite.mesh.material import Texture
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.objects import PlacedObject
+from mr360uw.composite.shot import PlacedObject
 from mr360uw.composite.tiles import NEAREST
 from mr360uw.jit import exact, inlined
 from mr360uw.types import View

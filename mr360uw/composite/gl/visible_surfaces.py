@@ -29,7 +29,6 @@ from mr360uw.composite.gl.triangles import (
     seen_triangles,
 )
 from mr360uw.composite.mesh.material import WRAPS, Texture, alpha_at
-from mr360uw.composite.objects import PlacedObject, Shot
 from mr360uw.composite.sampling import (
     BLEND_LAYERS,
     GROUPS,
@@ -44,6 +43,7 @@ from mr360uw.composite.sampling import (
     pattern,
     root_of_moments,
 )
+from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.jit import exact, fast, inlined
 from mr360uw.types import Floats, View
 

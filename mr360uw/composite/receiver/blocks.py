@@ -26,7 +26,6 @@ from mr360uw.composite.ambient.blocked_light import UNNOTICED
 from mr360uw.composite.ambient.ground_light import GroundField, ground_field
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_light
 from mr360uw.composite.light_sources import lamps_of, light_sources, sun_of, widest_half_angle
-from mr360uw.composite.objects import PlacedObject, Shot
 from mr360uw.composite.receiver.ratio import (
     FADE_FROM,
     FREE,
@@ -42,6 +41,7 @@ from mr360uw.composite.receiver.ratio import (
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shading import veil_ahead
+from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import places_in_mask, rectangles_of_mask
 from mr360uw.jit import exact, fast
 from mr360uw.medium.lookup import transmittance_lookup

@@ -22,9 +22,9 @@ from mr360uw.base.constants import BRIGHTEST, DARK
 from mr360uw.base.texels import smoothstep
 from mr360uw.base.tile_blend import BLOCK, NO_BLURS, NO_MEAN, BlockGround, GroundLines, PixelImages
 from mr360uw.composite.light_sources import LightSource
-from mr360uw.composite.objects import Shot
 from mr360uw.composite.receiver.pattern import PlatePattern, direct_pattern
 from mr360uw.composite.shading import ambient_irradiance
+from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import places_in_mask
 from mr360uw.types import Floats, Rectangle
 

@@ -29,8 +29,8 @@ from mr360uw.base.parameters import checked
 from mr360uw.base.rays import RayScene, barycentric
 from mr360uw.composite.mesh.mesh import load_mesh
 from mr360uw.composite.motion import rigid, rotation_matrix
-from mr360uw.composite.objects import PlacedObject, Receiver, Shot
 from mr360uw.composite.settings import ReceiverSettings
+from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.errors import MeshError
 from mr360uw.jit import exact
 from mr360uw.types import Floats, View
