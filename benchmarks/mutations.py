@@ -111,7 +111,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
      "composite/test_colour_grade.py"),
     ("composite/grading/patch_solve.py", "own + self._grown * self._light_of_water(grade)",
      "own - self._grown * self._light_of_water(grade)", "render/test_patches_in_water.py"),
-    ("composite/grading/patch_solve.py", "0.5 * patch.size_deg", "5.0 * patch.size_deg", "render/test_match_stage.py"),
+    ("render/match_stage.py", "0.5 * patch.size_deg", "5.0 * patch.size_deg", "render/test_match_stage.py"),
     ("composite/grading/settings.py", "1.0 if self.columns is None else columns / self.columns",
      "1.0 if self.columns is None else self.columns / columns", "composite/test_grading.py"),
     ("composite/grading/settings.py", "if white - black < LEAST_STEP", "if black - white < LEAST_STEP",

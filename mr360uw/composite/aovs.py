@@ -54,14 +54,11 @@ class Aovs:
         gone = kept == 0.0
         for name, image in values.items():
             if name in ("transmittance", "normal", "position", "object_id"):
-                values[name] = np.where(gone if image.ndim == 2 else gone[..., None], _NOTHING.get(name, 0), image)
+                nothing = 1.0 if name == "transmittance" else 0
+                values[name] = np.where(gone if image.ndim == 2 else gone[..., None], nothing, image)
             else:
                 values[name] = image * kept[..., None]
         return Aovs(**{name: image.astype(getattr(self, name).dtype) for name, image in values.items()})
-
-
-_NOTHING = {"transmittance": 1.0}
-"""Variables that are not 0 where there is no object."""
 
 
 class AovFrame:

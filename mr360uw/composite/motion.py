@@ -364,19 +364,14 @@ def pose(rig: Rig, clip: Animation, time_s: float) -> Mesh:
         corner_normals(corner, normal, faces)
         for (_, normal), corner, faces in zip(found, corners, rig.faces, strict=True)
     ]
-    positions, points = _joined(corners), _joined([points for points, _ in found])
+    points = np.concatenate([points for points, _ in found])
     return replace(
         rig.mesh,
-        positions=positions,
-        normals=_joined(normals),
+        positions=np.concatenate(corners),
+        normals=np.concatenate(normals),
         hull=slab_hull(slabs(points), points.mean(axis=0)),
         rest=rig.mesh,
     )
-
-
-def _joined(arrays: list[Floats]) -> Floats:
-    """Return arrays one after the other; one array without a copy."""
-    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
 _KEPT_POSES = 8

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 from mr360uw.base.cache import Cache, drop_shared
 from mr360uw.caustics.settings import CausticSettings, Sea
@@ -28,37 +28,8 @@ CausticsOf = Callable[[Sea, Floats, Floats, float, CausticSettings, float, BeamS
 refractive index of the water, and the spread of the beam that it turns by small angles."""
 
 
-class Backend(Protocol):
-    """The stages that a renderer computes: caustics and the layer of objects.
-
-    cache: values kept between frames; may be emptied.
-    """
-
-    name: str
-    device: str
-    cache: Cache
-
-    @property
-    def caustics(self) -> CausticsOf:
-        """The function that returns the caustics on planes."""
-
-    def prepare(self, shot: Shot, cache: Cache) -> Prepared | None:
-        """Return what of a shot's layer can be found on any thread, None for nothing. cache: of that thread."""
-
-    def layer(
-        self, shot: Shot, prepared: Prepared | None = None, *, variables: bool = False
-    ) -> tuple[Layer, Aovs | None]:
-        """Return the layer of a shot, and its output variables if asked for (else None).
-
-        prepared: of `prepare`; None finds it here.
-        """
-
-    def release(self) -> None:
-        """Let go of all that is kept between frames, here and on the device; a later frame makes it anew."""
-
-
 class Reference:
-    """The reference renderer: float64 on the processor. cache: see `Backend`."""
+    """The reference renderer: float64 on the processor."""
 
     name = "reference"
     device = "processor, float64"
@@ -73,13 +44,13 @@ class Reference:
 
         return caustic_stack
 
-    def prepare(self, shot: Shot, cache: Cache) -> None:
+    def prepare(self, shot: Shot, cache: Cache) -> Prepared | None:
         """Return nothing: every pixel is found by itself."""
 
     def layer(
         self,
         shot: Shot,
-        prepared: Prepared | None = None,  # noqa: ARG002 - as `Backend` has it
+        prepared: Prepared | None = None,  # noqa: ARG002 - as `Gl` has it
         *,
         variables: bool = False,
     ) -> tuple[Layer, Aovs | None]:
@@ -94,7 +65,7 @@ class Reference:
 
 
 class Gl:
-    """The OpenGL renderer, for the thread that made it. cache: see `Backend`."""
+    """The OpenGL renderer, for the thread that made it."""
 
     name = "gl"
 
@@ -141,6 +112,15 @@ class Gl:
         self._layers = None
         if threading.get_ident() == self._thread:
             release_unused()
+
+
+Backend = Reference | Gl
+"""The stages that a renderer computes: caustics, and the layer of objects with its output variables.
+
+`prepare` finds on any thread what of a shot's layer can be found there, None for nothing, with a cache of that thread;
+`layer` takes it, and finds it itself without. `cache` holds values between frames; it may be emptied. `release` lets go
+of all that is kept, here and on the device; a later frame makes it anew.
+"""
 
 
 def close_backend(backend: Backend) -> None:

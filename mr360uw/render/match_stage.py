@@ -9,6 +9,7 @@ A patch of known distance is solved with the water before it, as frames are draw
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,8 +20,9 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache
 from mr360uw.base.color import decode_signal, encode, ycbcr_from_rgb
+from mr360uw.base.sphere import disc_directions, frame_from_direction
 from mr360uw.composite.grading.colour_grade import ColourGrade, Three, code_of, graded_spec, luma_weights_of
-from mr360uw.composite.grading.patch_solve import PatchWater
+from mr360uw.composite.grading.patch_solve import Patch
 from mr360uw.composite.grading.settings import MatchSettings, PatchSettings, PlateGrade
 from mr360uw.errors import DamagedFrameError, ParameterError, VideoError
 from mr360uw.medium import Medium
@@ -30,7 +32,7 @@ from mr360uw.medium.open_water import fit_level, upwelling
 from mr360uw.render.lights import level_view, plate_map
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.surroundings import Surroundings
-from mr360uw.types import Floats, Layer, MediumTable
+from mr360uw.types import Floats, Layer, MediumTable, Rectangle
 from mr360uw.video import VideoFrame, VideoReader
 
 FRAMES = 5
@@ -93,11 +95,11 @@ def _look(
         soft = f"blur of {grade.softness_px:.2f} px" if grade.softness_px > 0.0 else "blur: not told by this plate"
         found = (soft,)
     if settings.open_keys:
-        waters = None
-        in_water = any(now.medium is not None for now in surroundings)
-        if in_water and any(patch.distance_m is not None for patch in settings.patch):
-            waters = partial(waters_before, settings.patch, surroundings, shown)
-        colour, line = patched_colour(settings, shown, waters)
+        patches, in_water = [read_patch(*one) for one in zip(shown, settings.patch, strict=True)], None
+        there = any(now.medium is not None for now in surroundings)
+        if there and any(patch.distance_m is not None for patch in settings.patch):
+            in_water = partial(patches_in_water, patches, settings.patch, surroundings, shown)
+        colour, line = patched_colour(settings, patches, shown[0].spec, in_water)
         grade, found = replace(grade, colour=colour), (*found, line)
     return replace(grade, found=found)
 
@@ -173,6 +175,21 @@ def _luma(frame: VideoFrame) -> NDArray[Any]:
     return np.asarray(encode(frame.image_linear, "srgb") @ weights, np.float32)
 
 
+_PATCH_SAMPLES = 64
+"""Pixels that are read of a patch, evenly over its disc."""
+
+
+def read_patch(frame: VideoFrame, patch: PatchSettings) -> Patch:
+    """Return a patch as a frame shows it, as the file has it: the median code of its disc in each channel."""
+    directions = disc_directions(patch.direction, math.radians(0.5 * patch.size_deg), _PATCH_SAMPLES)
+    height, width = frame.shape
+    x, y = frame_from_direction(directions, width, height)
+    column, row = x.astype(int) % width, np.clip(y.astype(int), 0, height - 1)
+    first, last = int(row.min()), int(row.max())
+    light = np.asarray(frame.linear(Rectangle(0, first, width, last - first + 1)))[row - first, column]
+    return Patch(_three(np.median(code_of(light, frame.spec), axis=0)), patch.reflected)
+
+
 _TINY = 1e-12
 _LOST = np.exp(-CONTRAST_LENGTHS)
 """Transmittance at the visibility of a water: black is then a code of 8 bits darker than the brightest open water."""
@@ -180,44 +197,49 @@ _TRIED_M = np.geomspace(0.01, 100.0, 400)
 """Distances [m] among which the farthest is looked for at which anything is seen."""
 
 
-def waters_before(
-    patches: tuple[PatchSettings, ...],
+def patches_in_water(
+    patches: Sequence[Patch],
+    settings: Sequence[PatchSettings],
     surroundings: Sequence[Surroundings],
     shown: Sequence[VideoFrame],
     colour: ColourGrade,
     stretch: float,
-) -> list[PatchWater | None]:
-    """Return the water before each patch, in frames whose light is read without a grade's colour; None for none.
+) -> list[Patch]:
+    """Return patches with the water before each, in frames whose light is read without a grade's colour.
 
     surroundings, shown: of the frames that show them. stretch: factor on their distances. Raises `ParameterError` for
     a patch above the water, or so far away that the plate shows nothing but water there.
     """
     grade = colour if colour.changes else None
     plain = {id(frame): frame.graded_by(grade) for frame in shown}  # patches of one frame share its light
-    seen = enumerate(zip(patches, shown, surroundings, strict=True))
-    return [_before(k, patch, plain[id(frame)], now, colour, stretch) for k, (patch, frame, now) in seen]
+    found = []
+    for number, (patch, of_patch, one, now) in enumerate(zip(patches, settings, shown, surroundings, strict=True)):
+        where, frame = f"match.patch[{number}].distance_m", plain[id(one)]
+        found.append(_behind_water(patch, of_patch, frame, now, colour, stretch, where))
+    return found
 
 
-def _before(
-    number: int, patch: PatchSettings, frame: VideoFrame, now: Surroundings, colour: ColourGrade, stretch: float
-) -> PatchWater | None:
-    """Return the water before a patch. frame: without the grade of a colour, which its codes have."""
-    if patch.distance_m is None or now.medium is None:
-        return None
-    distance_m, rotation = stretch * patch.distance_m, now.camera.at(frame.time_s)[1]
-    up, medium = float((rotation @ patch.direction)[1]), _as_read(now, frame)
-    _check(f"match.patch[{number}].distance_m", distance_m, medium.unit_table, up)
+def _behind_water(
+    patch: Patch, settings: PatchSettings, frame: VideoFrame, now: Surroundings, colour: ColourGrade, stretch: float,
+    where: str,
+) -> Patch:  # fmt: skip
+    """Return a patch with the water before it. frame: without the grade of a colour, which its codes have."""
+    if settings.distance_m is None or now.medium is None:
+        return patch
+    distance_m, rotation = stretch * settings.distance_m, now.camera.at(frame.time_s)[1]
+    up, medium = float((rotation @ settings.direction)[1]), _as_read(now, frame)
+    _check(where, distance_m, medium.unit_table, up)
     passed = transmittance_lookup(medium.unit_table, distance_m, up)
     passed = passed * ambient_ratio(medium.unit_table, medium.camera_depth_m - distance_m * up)
     level = medium.gain * medium.level_radiance(np.zeros(1))[0]
     # in the primaries that the patches of a plate are solved in
     seen = veil_lookup(medium.table, distance_m, up), level
     near, far = (np.asarray(decode_signal(code_of(light, frame.spec), graded_spec(frame.spec))) for light in seen)
-    water = PatchWater(_three(passed), _three(near / np.maximum(far, _TINY)), _three(far))
-    if not now.water.fits_gain:
-        return water
-    code = colour.graded(code_of(level, frame.spec), luma_weights_of(frame.spec))
-    return replace(water, code=_three(code))
+    code = None
+    if now.water.fits_gain:
+        code = _three(colour.graded(code_of(level, frame.spec), luma_weights_of(frame.spec)))
+    grown = near / np.maximum(far, _TINY)
+    return replace(patch, passed=_three(passed), grown=_three(grown), water=_three(far), water_code=code)
 
 
 def _as_read(now: Surroundings, frame: VideoFrame) -> Medium:

@@ -71,15 +71,9 @@ class ColourGrade:
     contrast: float = 1.0
     saturation: float = 1.0
 
-    @classmethod
-    def of_numbers(cls, numbers: Floats) -> ColourGrade:
-        """Return the grade of its nine numbers (9,): black, white, gamma, contrast, saturation."""
-        found = [float(number) for number in numbers]
-        return cls((found[0], found[1], found[2]), (found[3], found[4], found[5]), *found[6:])
-
     @property
     def numbers(self) -> Floats:
-        """Its nine numbers (9,), see `of_numbers`."""
+        """Its nine numbers (9,): black, white, gamma, contrast, saturation."""
         return np.array([*self.black, *self.white, *astuple(self)[2:]])
 
     @property
@@ -125,7 +119,9 @@ class ColourGrade:
                 code = np.clip(code, -most, most)  # log curves of more are not finite
             changed = decode_signal(code, own)
         else:
-            changed = _through_tables(light, _tables(self, own, laid_on))
+            light = np.ascontiguousarray(light, np.float32)
+            changed = np.empty_like(light)
+            _run(light.reshape(-1, 3), *_tables(self, own, laid_on), changed.reshape(-1, 3))
         if not laid_on:
             changed = np.clip(changed, 0.0, np.maximum(light, MOST_LIGHT))
         return np.asarray(in_rec709(changed, own), np.float32)
@@ -212,15 +208,6 @@ GradeTables = tuple[NDArray[np.float32], ...]
 """The steps of a grade in one direction. encode: (STEPS + 1,) codes over the square root of light from 0 to that of
 `BRIGHTEST`; before: (3, 3); curves: (3, STEPS + 1) over codes from LOW to HIGH; after: (3, 3); last: (STEPS + 1,) light
 over codes from LOW to HIGH, or (0,) where the curves give light."""
-
-
-def _through_tables(linear: Floats, tables: GradeTables) -> NDArray[np.float32]:
-    """Return the light (..., 3) of light (..., 3) up to `BRIGHTEST`, both in the plate's primaries, float32."""
-    light = np.ascontiguousarray(linear, np.float32).reshape(-1, 3)
-    out = np.empty_like(light)
-    encode, before, curves, after, last = tables
-    _run(light, encode, before, curves, after, last, out)
-    return out.reshape(linear.shape)
 
 
 @inlined

@@ -4,7 +4,7 @@
     v = g(E(e r T + f W))    e: light on a white patch at the camera, one number a channel, unknown; r: reflectance
     W = D(g^-1(w))           w: code of level open water
 
-Patches stand in one light. T and f are of the water before a patch (`PatchWater`), 1 and 0 close to the camera. n
+Patches stand in one light. T and f are of the water before a patch (`Patch`), 1 and 0 close to the camera. n
 patches give 3 n equations for the three of e and the numbers of g (`colour_grade`). The light of the water is not given
 but read from the plate through the same g: a black patch in the water then tells black by being darker than the water.
 The numbers are taken in one by one, the best told first (black, then gamma ...), as long as all of those taken in are
@@ -12,34 +12,28 @@ known to better than `TOLD`; the others keep their value. Black is one number of
 or where the water hides it in one of them.
 
 Greys tell no saturation: codes follow nearly a power of light, and in these a saturated grey is one in other light.
-
-Patches are read from the frames of the plate that show them.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from mr360uw.base.color import ColorSpec, decode_signal, encode_signal
-from mr360uw.base.sphere import disc_directions, frame_from_direction
 from mr360uw.composite.grading.colour_grade import (
     LEAST_CONTRAST,
     MOST_CONTRAST,
     NO_GRADE,
     ColourGrade,
     Three,
-    code_of,
     graded_spec,
     luma_weights_of,
 )
-from mr360uw.composite.grading.settings import MatchSettings, PatchSettings, number_words
+from mr360uw.composite.grading.settings import MatchSettings, number_words
 from mr360uw.errors import ParameterError
-from mr360uw.types import Floats, Rectangle
+from mr360uw.types import Floats
 
 CODE_ERROR = 1.0 / 255.0
 """Standard error of a patch's mean code, one 8-bit code: uneven light and the encoder, not noise. Twice as large, a
@@ -60,45 +54,28 @@ _RANGES = {
 
 
 @dataclass(frozen=True, slots=True)
-class PatchWater:
-    """The water between a patch and the camera, in the plate's primaries.
-
-    passed: (3,) light of a white patch there, as it arrives, over that of one at the camera. grown: (3,) light that
-    this water adds, over that of level open water. light: (3,) of that. code: (3,) the same as the plate shows it; None
-    where its light is known without the plate.
-    """
-
-    passed: Three
-    grown: Three
-    light: Three
-    code: Three | None = None
-
-
-_NO_WATER = PatchWater((1.0, 1.0, 1.0), _NOTHING, _NOTHING)
-
-
-@dataclass(frozen=True, slots=True)
 class Patch:
-    """A patch: its mean R'G'B' in the plate, 0 to 1, what it reflects of each channel, and the water before it."""
+    """A patch, and the water before it, in the plate's primaries; without any by default.
+
+    code: (3,) its mean R'G'B' in the plate, 0 to 1. reflectance: (3,) what it reflects. passed: (3,) light of a white
+    patch there, as it arrives, over that of one at the camera. grown: (3,) light that this water adds, over that of
+    level open water. water: (3,) light of that. water_code: (3,) the same as the plate shows it; None where its light
+    is known without the plate.
+    """
 
     code: Three
     reflectance: Three
-    water: PatchWater | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Solved:
-    """The grade that patches tell. told: names of its numbers that they do. rms_codes: difference left, 8-bit codes."""
-
-    colour: ColourGrade
-    told: tuple[str, ...]
-    rms_codes: float
+    passed: Three = (1.0, 1.0, 1.0)
+    grown: Three = _NOTHING
+    water: Three = _NOTHING
+    water_code: Three | None = None
 
 
 def solve_patches(
     patches: Sequence[Patch], start: ColourGrade, open_keys: Sequence[str], spec: ColorSpec | None = None
-) -> Solved:
-    """Return the grade of a plate with patches: the numbers of `open_keys` that these tell, the others as `start` has.
+) -> tuple[ColourGrade, tuple[str, ...], str]:
+    """Return the grade of a plate with patches, the names of those `open_keys` whose numbers these tell, and a line on
+    it. All other numbers are those of `start`.
 
     spec: how the plate's codes are read; by default sRGB's curve with the luma of ITU-R BT.709. Raises
     `ParameterError` without a patch.
@@ -116,7 +93,14 @@ def solve_patches(
             if all(errors[one] <= TOLD[one] for one in (*names, name)):
                 problems, names, best, rms = [problem], (*names, name), found, left
                 break
-    return Solved(best, names, rms)
+    # Say in words what they tell
+    numbers = ", ".join(f"{name} {number_words(getattr(best, name))}" for name in names)
+    line = f"{len(patches)} patch{'es' * (len(patches) > 1)}: {numbers or 'tell nothing of the grade'}"
+    missing = ", ".join(name for name in ORDER[:-1] if name not in names)
+    line += f"; not told by them: {missing}" if missing else ""
+    if rms > DISAGREE_CODES:
+        line += f"; they contradict each other by {rms:.0f} codes"
+    return best, names, line
 
 
 class _Problem:
@@ -130,12 +114,11 @@ class _Problem:
         self._reflectance = np.array([patch.reflectance for patch in patches], float)
         self._start, self._spec, self._weights, self._blacks = start, spec, luma_weights_of(spec), blacks
         self._lit = bool(np.any(self._reflectance > 0.0))
-        waters = [patch.water or _NO_WATER for patch in patches]
         self._passed, self._grown, self._water = (
-            np.array([getattr(one, name) for one in waters]) for name in ("passed", "grown", "light")
+            np.array([getattr(patch, name) for patch in patches]) for name in ("passed", "grown", "water")
         )
-        self._water_code = np.array([one.code or _NOTHING for one in waters])
-        self._shown = np.array([one.code is not None for one in waters])
+        self._water_code = np.array([patch.water_code or _NOTHING for patch in patches])
+        self._shown = np.array([patch.water_code is not None for patch in patches])
 
     def solve(self, names: tuple[str, ...]) -> tuple[ColourGrade, dict[str, float], float]:
         """Return the grade with some numbers free, their standard errors, and the difference left [8-bit codes]."""
@@ -199,82 +182,38 @@ class _Problem:
         return np.where(self._shown[:, None], read, self._water)
 
 
-def solved_in_words(solved: Solved, patches: int) -> str:
-    """Return one line on what a number of patches tell."""
-    numbers = ", ".join(f"{name} {number_words(getattr(solved.colour, name))}" for name in solved.told)
-    line = f"{patches} patch{'es' if patches > 1 else ''}: {numbers or 'tell nothing of the grade'}"
-    missing = ", ".join(name for name in ORDER[:-1] if name not in solved.told)
-    line += f"; not told by them: {missing}" if missing else ""
-    if solved.rms_codes > DISAGREE_CODES:
-        line += f"; they contradict each other by {solved.rms_codes:.0f} codes"
-    return line
-
-
-PATCH_SAMPLES = 64
-"""Pixels that are read of a patch, evenly over its disc."""
 _ROUNDS = 6
 """Most solutions of patches in the water: the light of open water is averaged over pixels without the grade last found,
 and two or three settle it."""
 _NEARER = 0.9
 """Factor on the distances of patches for what an error of them does; longer ones may be beyond all sight."""
-Waters = Callable[[ColourGrade, float], Sequence[PatchWater | None]]
-"""The water before each patch, in a plate whose light is read without a grade, their distances times a factor."""
-
-
-class FilePicture(Protocol):
-    """A plate's frame, read as the file has it."""
-
-    @property
-    def spec(self) -> ColorSpec:
-        """How its codes are read."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-
-    def linear(self, rectangle: Rectangle) -> Floats:
-        """Return a part of it as linear light (h, w, 3)."""
 
 
 def patched_colour(
-    settings: MatchSettings, shown: Sequence[FilePicture], waters: Waters | None = None
-) -> tuple[ColourGrade, str]:
-    """Return the colour of a plate's grade by its patches, and a line on what they tell.
+    settings: MatchSettings, patches: Sequence[Patch], spec: ColorSpec,
+    in_water: Callable[[ColourGrade, float], Sequence[Patch]] | None,
+) -> tuple[ColourGrade, str]:  # fmt: skip
+    """Return the colour of a plate's grade by its patches, one or more, and a line on what they tell.
 
-    settings: with one patch or more; numbers that are given stay. shown: for each patch the frame that shows it.
-    waters: None where no water is seen before any of them.
+    settings: numbers that are given stay. spec: how the plate's codes are read. in_water: gives the patches with the
+    water before each, in a plate whose light is read without a grade, their distances times a factor; None where no
+    water is seen before any of them.
     """
-    patches = [read_patch(frame, patch) for frame, patch in zip(shown, settings.patch, strict=True)]
-    start, spec = settings.colour_over(NO_GRADE), shown[0].spec
-    if waters is None:
-        solved = solve_patches(patches, start, settings.open_keys, spec)
-        return solved.colour, solved_in_words(solved, len(patches))
+    start = settings.colour_over(NO_GRADE)
+    if in_water is None:
+        colour, _, line = solve_patches(patches, start, settings.open_keys, spec)
+        return colour, line
 
-    def through(read_without: ColourGrade, stretch: float) -> Solved:
-        seen = zip(patches, waters(read_without, stretch), strict=True)
-        in_water = [replace(patch, water=water) for patch, water in seen]
-        return solve_patches(in_water, start, settings.open_keys, spec)
+    def through(read_without: ColourGrade, stretch: float) -> tuple[ColourGrade, tuple[str, ...], str]:
+        return solve_patches(in_water(read_without, stretch), start, settings.open_keys, spec)
 
-    solved, read_without = through(start, 1.0), start
+    (colour, told, line), read_without = through(start, 1.0), start
     for _ in range(_ROUNDS):
-        if float(np.abs(solved.colour.numbers - read_without.numbers).max()) < 0.1 * CODE_ERROR:
+        if float(np.abs(colour.numbers - read_without.numbers).max()) < 0.1 * CODE_ERROR:
             break
-        read_without = solved.colour
-        solved = through(read_without, 1.0)
-    line = solved_in_words(solved, len(patches))
-    if solved.told:
-        first, nearer = solved.told[0], through(read_without, _NEARER).colour
-        line += f"; were all a tenth nearer, {first} would be {number_words(getattr(nearer, first))}"
-    return solved.colour, line
-
-
-def read_patch(frame: FilePicture, patch: PatchSettings) -> Patch:
-    """Return a patch as a frame shows it: the median code of its disc in each channel."""
-    directions = disc_directions(patch.direction, math.radians(0.5 * patch.size_deg), PATCH_SAMPLES)
-    height, width = frame.shape
-    x, y = frame_from_direction(directions, width, height)
-    column, row = x.astype(int) % width, np.clip(y.astype(int), 0, height - 1)
-    first, last = int(row.min()), int(row.max())
-    light = np.asarray(frame.linear(Rectangle(0, first, width, last - first + 1)))[row - first, column]
-    red, green, blue = np.median(code_of(light, frame.spec), axis=0)
-    return Patch((float(red), float(green), float(blue)), patch.reflected)
+        read_without = colour
+        colour, told, line = through(read_without, 1.0)
+    if told:
+        nearer = through(read_without, _NEARER)[0]
+        line += f"; were all a tenth nearer, {told[0]} would be {number_words(getattr(nearer, told[0]))}"
+    return colour, line
