@@ -40,7 +40,7 @@ from mr360uw.medium.medium import Medium
 from mr360uw.medium.settings import LEAST_NODES, ShaftSettings
 from mr360uw.medium.shafts.shaft_field import FroxelGrid, shaft_field
 from mr360uw.medium.shafts.shaft_scene import ShaftScene, shaft_water, unoccluded
-from mr360uw.types import CausticStack, Floats, Lamp, Layer, MediumTable, Rectangle, Tile, View
+from mr360uw.types import CausticStack, Floats, Lamp, Layer, MediumTable, Rectangle, View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -51,43 +51,30 @@ def with_shafts(
 ) -> tuple[Layer, Aovs | None]:
     """Return a shot's layer and output variables with the light in the water. cache: holds what does not change."""
     before, behind = light.scenes(shot, cache)
-    tiles = _before_objects(shot, light, before, layer.tiles, cache)
+    # Find what lies before every covered pixel of the tiles, for unit light where the sun's strength alone changes
+    pixels = [np.nonzero(tile.alpha > 0.0) for tile in layer.tiles]
+    ends = np.concatenate([np.zeros((3, 0)), *(
+        np.stack([i + tile.column + 0.5, j + tile.row + 0.5, tile.distance_m[j, i]])
+        for (j, i), tile in zip(pixels, layer.tiles, strict=True)
+    )], axis=1).astype(np.float32)  # fmt: skip
+    found, places = np.zeros((ends.shape[1], 3), np.float32), by_content(ends)
+    for part in before.parts:
+        change = cache.of(_change, part.per_unit, light.settings, shot.view, places, cache, keep=2)
+        found += change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32)
+    # Add it to the objects, whose light it leaves positive
+    added = np.float32(light.settings.strength) * found
+    parts = np.split(added, np.cumsum([len(rows) for rows, _ in pixels])[:-1]) if pixels else []
+    tiles = []
+    for tile, at, values in zip(layer.tiles, pixels, parts, strict=True):
+        radiance, old = tile.radiance.copy(), tile.radiance[at]
+        radiance[at] = np.maximum(old + tile.alpha[at][:, None] * values, np.minimum(old, 0.0))
+        tiles.append(replace(tile, radiance=radiance))
     if variables is not None:
         shown = variables.shafts.copy()
-        for tile, old in zip(tiles, layer.tiles, strict=True):
-            shown[tile.window] += tile.radiance - old.radiance
+        for tile, was in zip(tiles, layer.tiles, strict=True):
+            shown[tile.window] += tile.radiance - was.radiance
         variables = replace(variables, shafts=shown)
-    return before_plate(shot, light, behind, replace(layer, tiles=tiles), cache), variables
-
-
-def _before_objects(
-    shot: Shot, light: ShaftInput, scene: ShaftScene, tiles: tuple[Tile, ...], cache: Cache
-) -> tuple[Tile, ...]:
-    covered = [tile.alpha > 0.0 for tile in tiles]
-    pixels = [np.nonzero(where) for where in covered]
-    x = _joined([at[1] + np.float32(tile.column + 0.5) for at, tile in zip(pixels, tiles, strict=True)])
-    y = _joined([at[0] + np.float32(tile.row + 0.5) for at, tile in zip(pixels, tiles, strict=True)])
-    end_m = _joined([tile.distance_m[where] for tile, where in zip(tiles, covered, strict=True)])
-    found = _added(shot, light, scene, np.stack([x, y, end_m]), cache)
-    added = np.split(found, np.cumsum([len(at[0]) for at in pixels])[:-1]) if tiles else []
-    drawn = []
-    for tile, where, values in zip(tiles, covered, added, strict=True):
-        radiance, old = tile.radiance.copy(), tile.radiance[where]
-        radiance[where] = np.maximum(old + tile.alpha[where][:, None] * values, np.minimum(old, 0.0))
-        drawn.append(replace(tile, radiance=radiance))
-    return tuple(drawn)
-
-
-def _added(
-    shot: Shot, light: ShaftInput, scene: ShaftScene, ends: NDArray[np.float32], cache: Cache
-) -> NDArray[np.float32]:
-    """Return what lies before objects (n, 3), times strength. ends: (3, n) column, row and distance [m] of each."""
-    settings = light.settings
-    found, places = np.zeros((ends.shape[1], 3), np.float32), by_content(ends)
-    for part in scene.parts:
-        change = cache.of(_change, part.per_unit, settings, shot.view, places, cache, keep=2)
-        found += change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32)
-    return np.float32(settings.strength) * found
+    return before_plate(shot, light, behind, replace(layer, tiles=tuple(tiles)), cache), variables
 
 
 def _change(
@@ -98,10 +85,6 @@ def _change(
     middle = view.from_middle(np.asarray(view.directions(x, y), np.float64), np.minimum(end_m, settings.range_m))
     rays, end_m = (np.asarray(a, np.float64) for a in middle)
     return change_along(scene, settings, view.width, rays, end_m, cache).astype(np.float32)
-
-
-def _joined(arrays: list[Floats]) -> NDArray[np.float32]:
-    return np.concatenate([np.zeros(0, np.float32), *arrays]).astype(np.float32)
 
 
 _SPARE_PX = 4096
