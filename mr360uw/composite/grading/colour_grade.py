@@ -119,9 +119,11 @@ class ColourGrade:
                 code = np.clip(code, -most, most)  # log curves of more are not finite
             changed = decode_signal(code, own)
         else:
-            light = np.ascontiguousarray(light, np.float32)
-            changed = np.empty_like(light)
-            _run(light.reshape(-1, 3), *_tables(self, own, laid_on), changed.reshape(-1, 3))
+            flat = np.ascontiguousarray(light, np.float32).reshape(-1, 3)
+            out = np.empty_like(flat)
+            encode, before, curves, after, last = _tables(self, own, laid_on)
+            _run(flat, encode, before, curves, after, last, out)
+            changed = out.reshape(light.shape)
         if not laid_on:
             changed = np.clip(changed, 0.0, np.maximum(light, MOST_LIGHT))
         return np.asarray(in_rec709(changed, own), np.float32)
