@@ -112,7 +112,7 @@ class ClipAnalysis(Parts, Shown):
     @classmethod
     def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipAnalysis:
         """Return the analysis of a clip of one frame: its sun in the world, None: none, "scene": the scene's own."""
-        fixed = None if isinstance(sun, str) else sun or "none"
+        fixed: Sun | Literal["none"] | None = None if isinstance(sun, str) else sun or "none"
         return cls(fixed, None if gain is None else np.asarray(gain)[None])
 
     def sun_at(self, index: int) -> Sun | Literal["scene"] | None:

@@ -262,8 +262,9 @@ def export_caustics(
     with open_plate(scene) as video:
         surroundings, light = load_surroundings(scene), scene.light
         tracked = light.sun == "detect" and not video.is_still and (light.smooth or light.track is not None)
-        track = first_pass(surroundings, video, measures=["sun"] if tracked else []).sun
-        sun = track.at(0) if track is not None else surroundings.light.sun(next(iter(video.frames(0, 1))).pixels, 0.0)
+        sun = first_pass(surroundings, video, measures=["sun"] if tracked else []).sun_at(0)
+        if isinstance(sun, str):
+            sun = surroundings.light.sun(next(iter(video.frames(0, 1))).pixels, 0.0)
     if sun is None or sun.direction[1] <= 0.0:
         problem = 'no sun is found in the plate - set light.sun = "given" and its azimuth and elevation'
         raise SceneError(str(scene.plate.path), [problem])
