@@ -391,7 +391,7 @@ def section_gain() -> None:
     from fractions import Fraction
     from tempfile import TemporaryDirectory
 
-    from mr360uw.medium.open_water import fit_level
+    from mr360uw.medium.veil_gain import fit_level
     from mr360uw.render.lights import level_view
     from mr360uw.sample import Dive, DiveSettings
     from mr360uw.sample.dive import record

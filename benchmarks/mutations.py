@@ -257,7 +257,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
      "medium/test_water.py"),
     ("medium/closed_form.py", "one(nm) ** (1.0 - share) * other(nm) ** share",
      "one(nm) ** share * other(nm) ** (1.0 - share)", "medium/test_water.py"),
-    ("medium/waterfit.py", "np.cumsum(change[1:])", "np.cumsum(change[:-1])", "render/test_gain.py"),
+    ("medium/veil_gain.py", "np.cumsum(change[1:])", "np.cumsum(change[:-1])", "render/test_gain.py"),
     ("medium/layers.py", "self.scattering * (1.0 - peak)", "self.scattering * peak", "medium/test_stratified.py"),
     ("medium/layers.py", "np.lexsort((columns[\"wavelength_nm\"], columns[\"depth_m\"]))",
      "np.argsort(columns[\"depth_m\"])[::-1]", "medium/test_stratified.py"),

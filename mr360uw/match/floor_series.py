@@ -25,7 +25,7 @@ from mr360uw.base.sphere import direction_from_frame, frame_from_direction
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium
 from mr360uw.medium.lookup import veil_lookup
-from mr360uw.medium.open_water import fit_level
+from mr360uw.medium.veil_gain import fit_level
 from mr360uw.render.lights import level_view
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.model import Scene, at_scale

@@ -19,7 +19,7 @@ from mr360uw.base.sphere import direction_from_angles, frame_from_direction
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, WaterSettings
 from mr360uw.medium.medium import Mode
-from mr360uw.medium.open_water import DOUBTFUL, LevelView, fit_level
+from mr360uw.medium.veil_gain import DOUBTFUL, LevelView, fit_level
 from mr360uw.medium.water import JERLOV_TYPES
 from mr360uw.medium.waterfit import CONFIDENT, WaterComparison, compare_waters, resampled
 from mr360uw.render.lights import level_view
@@ -219,7 +219,7 @@ def _read(scene: Scene, patches: Sequence[WaterPatch], frames: int | tuple[int, 
         raise ParameterError(f"water - the patch is black (got {measured.max():.2g} of white) - mark a lighter one")
     if float(np.median(measured[:, 0] / np.maximum(measured[:, 1], _DARK))) > _MOST_RED:
         raise ParameterError("water - the patch is redder than water (got more red than green) - mark open water")
-    level = LevelView(levels[0].up, np.mean([one.radiance for one in levels], axis=0))
+    level = levels[0][0], np.mean([radiance for _, radiance in levels], axis=0)
     return _View(np.sin(elevation), measured, tuple(light), level)
 
 

@@ -12,9 +12,10 @@ from .shafts.shaft_scene import ShaftScene
 from .shafts.single_scattering import single_scattering
 from .spectra import Sensor, cameras, illuminant, reflectance
 from .transfer import LightField
+from .veil_gain import exposure_change, fit_gain, picture_change, steady_gain
 from .water import JERLOV_TYPES, Water
 from .water_by_distance import WaterByDistance
-from .waterfit import WaterFit, exposure_change, fit_gain, fit_water, picture_change, steady_gain
+from .waterfit import WaterFit, fit_water
 from .wavelengths import Bands, bands
 
 __all__ = [

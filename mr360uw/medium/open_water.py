@@ -1,14 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Open water in a plate: its colour over elevation, the gain of the veil, and its light by direction.
+"""Open water in a plate: its colour over elevation, and its light by direction.
 
-The colour is a profile over elevation that is robust against animals, divers and rocks. The gain of the veil is fitted
-to a thin band at the horizon, where rays are long and show water alone.
-
-    g = typical over azimuths of plate/model        residual = rms of (plate/(g model) - 1)
-
-Below the band lies the ground, above it the surface. Azimuths in which a body or a rock breaks the horizon have clearly
-more red than water, or stand out of the others; both lose weight continuously, so that the gain changes no faster than
-the picture.
+The colour is a profile over elevation that is robust against animals, divers and rocks.
 """
 
 from __future__ import annotations
@@ -23,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.base.cache import shared
 from mr360uw.base.color import luminance
 from mr360uw.base.constants import PI
-from mr360uw.base.parameters import exactly, numbers, real, vectors
+from mr360uw.base.parameters import numbers, real
 from mr360uw.base.texels import smoothstep
 from mr360uw.errors import ParameterError
 from mr360uw.medium.medium import Medium
@@ -116,62 +109,10 @@ def typical(values: Array, weight: Array, middle: float) -> Array:
     return np.asarray((inside * np.take_along_axis(values, order, -2)).sum(axis=-2) / inside.sum(axis=-2))
 
 
-BAND_RAD = np.radians(1.0)
-"""Half height [rad] of the band, one row at least. Twice as high, sand 3 m below shows in the clearest water."""
-SECTORS = 64
-"""Azimuths that are told apart; each is a mean over hundreds of pixels, in which noise and dither are gone."""
-DOUBTFUL = 0.45
-"""Residual from which the gain counts as not known: open water varies by up to 0.37 about a low sun, by a tenth without
-one; rocks and walls by 0.5 and more."""
-_TYPICAL_RANK = 0.3
+TYPICAL_RANK = 0.3
 """Rank in red of an azimuth that shows water alone, as long as bodies and rocks leave a third of the horizon."""
-_DARKEST = 1e-300
-"""Least light that is divided by: that of deep murky water has hundreds of digits before it."""
-_LEAST_EXCESS, _MOST_EXCESS = 1.2, 1.6
-"""Red over that azimuth's between which the weight of an azimuth falls to 0.
-
-Dark red is coarse in a video: weights by rank alone would choose the azimuths whose codes were rounded down, and the
-gain of red would be 1 to 3 % low.
-"""
 MIDDLE = 0.5
 """Fraction of the open azimuths about the median that is averaged; bodies may cover a quarter of them unseen."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LevelView:
-    """A plate's light just above and below the horizon.
-
-    up: (2,) y of the directions, of either sign. radiance: (2, SECTORS, 3) means, linear, not clipped.
-    """
-
-    up: Array
-    radiance: Floats
-
-
-def fit_level(medium: Medium, view: LevelView) -> tuple[Array, float]:
-    """Return the gain (3,) that makes the model's level radiance that of the plate's water, and the residual.
-
-    residual: rms of the luminance's relative deviation over the azimuths, whether they are taken for water or not; from
-    `DOUBTFUL` on there is no open water to measure. A channel that is black has the gain 0.
-    """
-    seen = vectors("radiance", view.radiance).astype(np.float64)
-    up = exactly("up", view.up, (len(seen),)).astype(np.float64)
-    model = medium.level_radiance(up)
-    columns = (seen / np.maximum(model, _DARKEST)[:, None]).mean(axis=0)
-    shown = np.maximum(seen.mean(axis=0), 0.0)
-    gain = np.maximum(typical(columns, _openness(shown), MIDDLE), 0.0)
-    light = luminance(gain * model.mean(axis=0))
-    if light <= 0.0:
-        return gain, 0.0
-    return gain, float(np.sqrt(np.mean((luminance(shown) / light - 1.0) ** 2)))
-
-
-def _openness(shown: Array) -> Array:
-    """Return the weight (c,) of azimuths by the fraction of red in their light (c, 3): bodies have more than water."""
-    red = shown[:, 0] / np.maximum(shown.sum(axis=1), _DARKEST)
-    excess = red / max(float(np.quantile(red, _TYPICAL_RANK)), _DARKEST)
-    weight = smoothstep(excess, _MOST_EXCESS, _LEAST_EXCESS)
-    return np.asarray(weight if np.any(weight > 0.0) else np.ones(len(red)))
 
 
 # Light of open water by direction, over that of the solved field: it scales the veil of distant things.
@@ -309,9 +250,7 @@ def open_water(
     about = area * np.exp(-((up / _LEVEL) ** 2))[:, None]
     red = (small[..., 0] + dim) / (small.sum(axis=-1) + 3.0 * dim)
     bright = luminance(small) / luminance(light)
-    weight = weight * smoothstep(
-        red / weighted_quantile(red, weight * about * bright, _TYPICAL_RANK), _REDDEST, _REDDER
-    )
+    weight = weight * smoothstep(red / weighted_quantile(red, weight * about * bright, TYPICAL_RANK), _REDDEST, _REDDER)
     typical = weighted_quantile(bright, weight * about * bright, 0.5)
     weight = weight * smoothstep(np.abs(np.log(bright / typical)), _UNLIKEST, _UNLIKE)
     share = float((weight * area).sum() / area.sum())

@@ -16,8 +16,8 @@ from mr360uw.medium.closed_form import LEAST_M, MOST_M, water_of_visibility, wat
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
 from mr360uw.medium.phase import Phase, PhaseTable
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
+from mr360uw.medium.veil_gain import fit_gain
 from mr360uw.medium.water import JerlovType, Water
-from mr360uw.medium.waterfit import fit_gain
 from mr360uw.types import Floats
 
 Place = Literal["tropical", "temperate", "harbour"]

@@ -29,9 +29,9 @@ from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track
 from mr360uw.ibl.sun.track import SunSeries
 from mr360uw.medium import Medium
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
-from mr360uw.medium.open_water import DOUBTFUL, OpenWater, OpenWaterLooks, OpenWaterTrack, fit_level
+from mr360uw.medium.open_water import OpenWater, OpenWaterLooks, OpenWaterTrack
 from mr360uw.medium.scattered_light import spread_of
-from mr360uw.medium.waterfit import GainSeries, MeasuredGain
+from mr360uw.medium.veil_gain import DOUBTFUL, GainSeries, MeasuredGain, fit_level
 from mr360uw.plot import Figure, Shown
 from mr360uw.render.lights import direct_to_diffuse, level_view, may_be_clipped, plate_map, restored, small_picture
 from mr360uw.render.loaded import Loaded

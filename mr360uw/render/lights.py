@@ -51,8 +51,8 @@ from mr360uw.ibl.sun.split import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direc
 from mr360uw.ibl.tilt import is_level, level_matrix, roll_pitch, upward
 from mr360uw.medium import Medium
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
-from mr360uw.medium.open_water import BAND_RAD, SECTORS, LevelView
 from mr360uw.medium.scattered_light import irradiance_from_level, light_below_horizon
+from mr360uw.medium.veil_gain import BAND_RAD, SECTORS, LevelView
 from mr360uw.scene.model import Scene
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
@@ -97,7 +97,7 @@ def level_view(plate: Floats | YuvImage, up: ArrayLike | None = None) -> LevelVi
     rows, columns = _SAMPLES
     light = _pixels(plate, row, column).reshape(2, rows, SECTORS, columns, 3).mean(axis=(1, 3))
     half = float(np.sin(0.5 * _reach(height)))
-    return LevelView(np.array([half, -half]), light)
+    return np.array([half, -half]), light
 
 
 def _reach(height: int) -> float:

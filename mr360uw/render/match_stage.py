@@ -28,7 +28,8 @@ from mr360uw.errors import DamagedFrameError, ParameterError, VideoError
 from mr360uw.medium import Medium
 from mr360uw.medium.closed_form import CONTRAST_LENGTHS
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
-from mr360uw.medium.open_water import fit_level, upwelling
+from mr360uw.medium.open_water import upwelling
+from mr360uw.medium.veil_gain import fit_level
 from mr360uw.render.lights import level_view, plate_map
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.surroundings import Surroundings

@@ -29,9 +29,9 @@ from mr360uw.ibl import SunTrack
 from mr360uw.ibl.lighting import light_between, sun_between, turned
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium
-from mr360uw.medium.open_water import DOUBTFUL, beside_floor, fit_level, row_up, visible_gain
+from mr360uw.medium.open_water import beside_floor, row_up, visible_gain
 from mr360uw.medium.scattered_light import ambient_parts
-from mr360uw.medium.waterfit import UNCHANGED, picture_change
+from mr360uw.medium.veil_gain import DOUBTFUL, UNCHANGED, fit_level, picture_change
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.lights import level_view, lit_as_its_ground, may_be_clipped, restored
 from mr360uw.render.loaded import Loaded

@@ -10,7 +10,7 @@ from mr360uw.base.color import encode
 from mr360uw.base.sphere import directions
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.open_water import COLUMNS, FINER, ROWS, OpenWater, OpenWaterLooks, filled, open_water, row_up
-from mr360uw.medium.waterfit import fit_gain
+from mr360uw.medium.veil_gain import fit_gain
 from tests.medium.tolerances import FILLED, OPEN_WATER_CODES
 
 DEPTH = 8.0

@@ -15,11 +15,11 @@ import mr360uw as uw
 from mr360uw.base.color import decode, encode, luminance
 from mr360uw.base.sphere import directions
 from mr360uw.medium import Medium, Water, exposure_change, picture_change, steady_gain
-from mr360uw.medium.open_water import ROWS, SECTORS, fit_level, row_up
+from mr360uw.medium.open_water import ROWS, row_up
 from mr360uw.medium.scattered_light import typical_level
 from mr360uw.medium.spectra import named_sensor
+from mr360uw.medium.veil_gain import SECTORS, GainSeries, MeasuredGain, fit_level
 from mr360uw.medium.water import JerlovType
-from mr360uw.medium.waterfit import GainSeries, MeasuredGain
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.lights import level_view
 from mr360uw.render.surroundings import load_surroundings
@@ -238,9 +238,9 @@ def test_the_horizon_is_read_level() -> None:
     up = np.array([-np.sin(0.35), np.cos(0.35), 0.0])
     direction = directions(512, 256) @ up
     plate = np.clip(0.2 + 0.5 * direction, 0.0, 1.0)[..., None] * np.array([0.3, 0.6, 1.0])
-    view = level_view(plate.astype(np.float32), up)
-    expected = (0.2 + 0.5 * view.up)[:, None, None] * np.broadcast_to([0.3, 0.6, 1.0], (2, SECTORS, 3))
-    np.testing.assert_allclose(view.radiance, expected, rtol=0.02)  # a pixel is 0.7 degrees, 3 % of this slope
+    rows_up, light = level_view(plate.astype(np.float32), up)
+    expected = (0.2 + 0.5 * rows_up)[:, None, None] * np.broadcast_to([0.3, 0.6, 1.0], (2, SECTORS, 3))
+    np.testing.assert_allclose(light, expected, rtol=0.02)  # a pixel is 0.7 degrees, 3 % of this slope
 
 
 @pytest.mark.parametrize(("begin", "step_at"), [(0, None), (0, 14), (5, 14), (2, 17)])

@@ -13,7 +13,7 @@ import mr360uw as uw
 from mr360uw.caustics.irradiance import pass_indices
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import PhaseTable
-from mr360uw.medium.waterfit import picture_change, steady_gain
+from mr360uw.medium.veil_gain import picture_change, steady_gain
 from tests.scenes import BACKENDS, gradient_plate, scene_with
 
 SIZE = (64, 32)
