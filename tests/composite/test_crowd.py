@@ -66,7 +66,8 @@ def seen_past(bodies: Bodies, rays: Floats, edge: Floats) -> Floats:
     shadows = shadows_of(BeamPattern(SUN, bodies, None, 5.0, 4, 0.1), Cache())
     assert shadows is not None
     seen = np.empty((len(rays), edge.shape[1] - 1))
-    visible_parts((np.zeros(3), rays), edge[:, :-1], edge[:, 1:], shadows.outlines, shadows.halo, HALO_TAPS, seen)
+    _, halo, outlines = shadows
+    visible_parts((np.zeros(3), rays), edge[:, :-1], edge[:, 1:], outlines, halo, HALO_TAPS, seen)
     return seen
 
 

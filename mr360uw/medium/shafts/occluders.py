@@ -228,17 +228,12 @@ class Outlines(NamedTuple):
     apart: NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Shadows:
-    """Maps of bodies for the sun's disc and for its halo, and their outlines."""
-
-    disc: ShadowMaps
-    halo: ShadowMaps
-    outlines: Outlines
-
-
-def shadows_in(bodies: Bodies, towards: Array, disc: Array | None, halo: Array, cache: Cache) -> Shadows:
-    """Return the shadows of bodies. disc, halo: directions (n, 3) over those; without disc its middle (3,) alone."""
+def shadows_in(
+    bodies: Bodies, towards: Array, disc: Array | None, halo: Array, cache: Cache
+) -> tuple[ShadowMaps, ShadowMaps, Outlines]:
+    """Return maps of bodies for the sun's disc and for its halo, and their outlines. disc, halo: directions (n, 3) over
+    those; without disc its middle (3,) alone.
+    """
     fewer = min(math.sqrt(_WHOLE / len(bodies.occluders)), 1.0)
     of_disc, of_halo = round(DISC_PIXELS * fewer), round(HALO_PIXELS * fewer)
     middle = ShadowMaps.of(bodies, towards, towards[None], of_disc, cache)
@@ -248,7 +243,7 @@ def shadows_in(bodies: Bodies, towards: Array, disc: Array | None, halo: Array, 
     apart = [cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) for mask in covered]
     metres = (np.array(apart) * pixel[:, None, None]).astype(np.float32)
     outlines = Outlines(bodies.centre, bodies.radius, bodies.passed, middle.frame[0], metres)
-    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, of_halo, cache), outlines)
+    return wide, ShadowMaps.of(bodies, towards, halo, of_halo, cache), outlines
 
 
 def _tops(

@@ -342,17 +342,13 @@ def lamp_light(scene: ShaftScene, field: LampField, rays: Array, edge_m: Array) 
     return beam
 
 
-def _widest(cos_edge: float) -> float:
-    """Return the angle [rad] that a lamp's map reaches to."""
-    return math.acos(max(cos_edge, -1.0))
-
-
 def _hits(lamp: Lamp, frame: Array, bodies: Bodies) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return `hit` and `clear` of `LampField`."""
-    at = _widest(lamp.cos_edge) * (2.0 * (np.arange(MAP_PIXELS) + 0.5) / MAP_PIXELS - 1.0)
+    widest = math.acos(max(lamp.cos_edge, -1.0))
+    at = widest * (2.0 * (np.arange(MAP_PIXELS) + 0.5) / MAP_PIXELS - 1.0)
     u, v = np.meshgrid(at, at)
     angle = np.hypot(u, v)
-    inside = angle <= _widest(lamp.cos_edge)
+    inside = angle <= widest
     angle, u, v = angle[inside], u[inside], v[inside]
     towards = (np.sin(angle) / np.maximum(angle, 1e-12))[:, None] * (u[:, None] * frame[0] + v[:, None] * frame[1])
     towards = towards + np.cos(angle)[:, None] * frame[2]

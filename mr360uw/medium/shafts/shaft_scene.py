@@ -37,7 +37,7 @@ from mr360uw.medium.closed_form import exponential_integral
 from mr360uw.medium.lookup import beam_fraction, linear, table_coordinate
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import CLOSED_FORMS
-from mr360uw.medium.phase import Phase, phase_function, wide_angle_function
+from mr360uw.medium.phase import Mixture
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
 from mr360uw.medium.shafts.single_scattering import BeamPattern, camera_depth_m, lamp_segments, segment_points
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
@@ -149,7 +149,7 @@ class ShaftScene(Parts):
             sun = unit(self.pattern.sun.direction)
             up = directions[: len(edge_m), 1]
             whole, sharp = self.water.beam_segments(up, edge_m, self.depth_m, self.sun_up)
-            turned = self.water.turned(directions @ sun) @ np.eye(2)
+            turned = self.water.phase.parts(directions @ sun)
             point, along = segment_points(self.origin, directions, self._before_bodies(directions, edge_m), at)
             across = spacing_rad * np.linalg.norm(point - self.origin, axis=-1)
             soft = self.pattern.soft(point, along, across).reshape(*count, 3)
@@ -164,7 +164,13 @@ class ShaftScene(Parts):
         """Return the light of lamps (m, k, 3) in segments of rays (m, 3) with edges (m, k + 1)."""
         result = np.zeros((len(directions), edge_m.shape[1] - 1, 3))
         for lamp in self.lamps:
-            result += self._lamp_segments(lamp, directions, edge_m)
+            light, cosine, path_m = lamp_segments(lamp, self.origin, directions, edge_m, _LAMP_POINTS, self.bodies)
+            x = table_coordinate(path_m, self.length_m) * (_PATHS - 1)
+            i = np.minimum(x.astype(np.int64), _PATHS - 2)
+            table = self.path_light(lamp)
+            log = table[i] + (table[i + 1] - table[i]) * (x - i)[..., None, None]
+            radiance = np.einsum("msp,mspj,mspjk->msk", light, self.water.phase.parts(cosine), np.exp(log))
+            result += lamp.intensity * radiance
         return result
 
     def _before_bodies(self, directions: Array, edge_m: Array) -> Array:
@@ -176,26 +182,6 @@ class ShaftScene(Parts):
         meets = (edge[:, :-1] < hit) & (hit < edge[:, 1:])
         edge[:, 1:][meets] = np.broadcast_to(hit, meets.shape)[meets]
         return edge
-
-    def _lamp_segments(self, lamp: Lamp, directions: Array, edge_m: Array) -> Array:
-        rays, slices = len(directions), edge_m.shape[1] - 1
-        at = lamp_segments(
-            lamp, self.origin, np.repeat(directions, slices, axis=0), edge_m[:, :-1].ravel(), edge_m[:, 1:].ravel(),
-            _LAMP_POINTS,
-        )  # fmt: skip
-        light = at.light
-        if lamp.casts_shadow and self.bodies.occluders:
-            enter, leave = (np.repeat(m, slices)[:, None] for m in self.bodies.inside_m(self.origin, directions))
-            light = np.where((at.distance_m > enter) & (at.distance_m < leave), 0.0, light)
-            lit = np.flatnonzero(light.ravel() > 0.0)
-            seen = self.bodies.visible_from(at.point.reshape(-1, 3)[lit], np.asarray(lamp.position), at.least_m)
-            light.reshape(-1)[lit] *= seen
-        x = table_coordinate(at.path_m, self.length_m) * (_PATHS - 1)
-        i = np.minimum(x.astype(np.int64), _PATHS - 2)
-        table = self.path_light(lamp)
-        log = table[i] + (table[i + 1] - table[i]) * (x - i)[..., None, None]
-        radiance = np.einsum("sp,spj,spjk->sk", light, self.water.turned(at.cosine), np.exp(log))
-        return np.asarray(lamp.intensity * radiance).reshape(rays, slices, 3)
 
     def path_light(self, lamp: Lamp) -> Array:
         """Return logarithms (paths, 2, 3) of `ShaftWater.over_path` for the light of a lamp, for paths S from it to the
@@ -220,15 +206,14 @@ class ShaftWater:
     """Coefficients of n wavelengths; one object for all frames of a medium (`shaft_water`).
 
     extinction: c' (n,), attenuation: c (n,) [1/m], see `shaft_field`. scattering: (n, 2) [1/m] of molecules and of
-    particles. phase: of the particles. wide: whether small angles are cut off it. weight: (n, 3), columns of sum 1.
-    table: (angles, 2) of `turned` at even angles from 0 to pi.
+    particles. phase: of both, without small angles where they are cut off. weight: (n, 3), columns of sum 1. table:
+    (angles, 2) of `phase.parts` at even angles from 0 to pi.
     """
 
     extinction: Array
     attenuation: Array
     scattering: Array
-    phase: Phase
-    wide: bool
+    phase: Mixture
     weight: Array
     table: Array
 
@@ -236,12 +221,6 @@ class ShaftWater:
     def scatters(self) -> bool:
         """Whether it scatters at all."""
         return bool(np.any(self.scattering > 0.0))
-
-    def turned(self, cosine: Array) -> Array:
-        """Return the phase functions (..., 2) [1/sr] of molecules and particles; the second has its peak cut off."""
-        theta = np.arccos(np.clip(cosine, -1.0, 1.0))
-        particles = wide_angle_function(self.phase, theta) if self.wide else phase_function(self.phase, theta)
-        return np.stack([phase_function("water", theta), particles], axis=-1)
 
     def beam_segments(self, up: Array, edge_m: Array, camera_depth_m: float, sun_up: float) -> tuple[Array, Array]:
         """Return (`whole`, `sharp`), (m, k, 2, 3), of the segments between edges (m, k + 1) of rays.
@@ -277,14 +256,13 @@ def shaft_water(medium: Medium) -> ShaftWater:
     """Return the water of a medium, as its veil scatters."""
     nm, water, model = medium.bands.wavelength_nm, medium.water, medium.model
     b, molecules = np.asarray(water.scattering(nm), np.float64), np.zeros(len(nm))
-    wide = medium.mode not in CLOSED_FORMS
-    if wide and water.molecular is not None:
-        molecules = np.asarray(water.molecular(nm), np.float64)
-    found = ShaftWater(
-        model.extinction, model.attenuation, np.stack([molecules, b - molecules], axis=-1),
-        water.phase if wide else "isotropic", wide, medium.bands.lobes, np.zeros((0, 2)),
-    )  # fmt: skip
-    return replace(found, table=found.turned(np.cos(np.linspace(0.0, np.pi, _ANGLES))))
+    phase = Mixture("isotropic", molecules)
+    if medium.mode not in CLOSED_FORMS:
+        phase = water.phases(nm, wide_angle=True)
+        molecules = molecules if water.molecular is None else np.asarray(water.molecular(nm), np.float64)
+    table = phase.parts(np.cos(np.linspace(0.0, np.pi, _ANGLES)))
+    scattering = np.stack([molecules, b - molecules], axis=-1)
+    return ShaftWater(model.extinction, model.attenuation, scattering, phase, medium.bands.lobes, table)
 
 
 _DIRECT = 0.75

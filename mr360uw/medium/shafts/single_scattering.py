@@ -241,15 +241,11 @@ class _Beam:
         """Return the light of a lamp (m, n) per unit intensity."""
         result = np.zeros((len(self.ends), len(self.attenuation)))
         for part in np.array_split(np.arange(len(self.ends)), -(-len(self.ends) * steps // MOST_POINTS)):
-            at = lamp_segments(lamp, self.origin, self.directions[part], np.zeros(len(part)), self.ends[part], steps)
-            light = at.light * phase_function(self.phase, np.arccos(np.clip(at.cosine, -1.0, 1.0)))
-            if lamp.casts_shadow:
-                point = at.point.reshape(-1, 3)
-                light = light * bodies.visible_from(point, np.asarray(lamp.position, np.float64), at.least_m).reshape(
-                    light.shape
-                )
+            whole = np.stack([np.zeros(len(part)), self.ends[part]], axis=-1)
+            light, cosine, path_m = lamp_segments(lamp, self.origin, self.directions[part], whole, steps, bodies)
+            light *= phase_function(self.phase, np.arccos(np.clip(cosine, -1.0, 1.0)))
             for n, c in enumerate(self.attenuation):
-                result[part, n] = np.sum(light * np.exp(-c * at.path_m), axis=-1)
+                result[part, n] = np.sum(light * np.exp(-c * path_m), axis=(1, 2))
         return self.scattering * result
 
     def _rate(self, towards_sun: Array) -> Array:
@@ -406,22 +402,6 @@ def view_directions(view: View) -> Array:
     return np.asarray(view.directions(x, y), np.float64).reshape(-1, 3)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LampSegments:
-    """Segments of m rays. light: (m, k) integral of spot(angle)/r^2 over each [1/m]. cosine: (m, k) of the angle by
-    which light turns. distance_m: (m, k) from the camera. path_m: (m, k) from the lamp over the segment to the camera.
-    point: (m, k, 3) in the world.
-    least_m: distance from the lamp within which nothing shades.
-    """
-
-    light: Array
-    cosine: Array
-    distance_m: Array
-    path_m: Array
-    point: Array
-    least_m: float
-
-
 def nearest_m(lamp: Lamp) -> float:
     """Return the distance [m] from a lamp's centre within which irradiance is constant and nothing casts a shadow."""
     return max(lamp.radius_m, NEAREST_LAMP_M)
@@ -444,22 +424,33 @@ def spot_of(beam: Any, x: Any, y: Any, z: Any) -> Any:
 
 
 def lamp_segments(
-    lamp: Lamp, origin: Array, directions: Array, start_m: Array, end_m: Array, count: int
-) -> LampSegments:
-    """Return `count` segments of rays (m, 3) from one point between distances start_m and end_m (m,)."""
-    least = nearest_m(lamp)
-    to_lamp = np.asarray(lamp.position, np.float64) - origin
-    foot = directions @ to_lamp
-    beside = np.linalg.norm(to_lamp - foot[:, None] * directions, axis=-1)
-    width = np.sqrt(beside * beside + least * least)
-    first, last = (np.arctan2(s - foot, width) for s in (start_m, end_m))
-    step = (last - first) / count
-    tangent = np.tan(first[:, None] + (np.arange(count) + 0.5) * step[:, None])
-    s = np.maximum(foot[:, None] + width[:, None] * tangent, 0.0)
-    point = origin + s[..., None] * directions[:, None]
-    away = np.asarray(lamp.position, np.float64) - point
+    lamp: Lamp, origin: Array, directions: Array, edge_m: Array, count: int, bodies: Bodies
+) -> tuple[Array, Array, Array]:
+    """Return the light of a lamp at `count` points of segments of rays (m, 3) from one point, (m, k, count) each.
+
+    edge_m: (m, k + 1) of the segments. The light is the integral of spot(angle)/r^2 over a point's part of its segment
+    [1/m], 0 in bodies and in their shadow. Beside it: cosine of the angle by which it turns, and its path [m] from the
+    lamp over the point to the rays' origin.
+    """
+    # Divide segments evenly in the angle under which the lamp sees them
+    position, least = np.asarray(lamp.position, np.float64), nearest_m(lamp)
+    foot = directions @ (position - origin)
+    beside = np.linalg.norm(position - origin - foot[:, None] * directions, axis=-1)
+    foot, width = foot[:, None, None], np.sqrt(beside * beside + least * least)[:, None, None]
+    edge = np.arctan2(edge_m[..., None] - foot, width)
+    step = np.diff(edge, axis=1) / count
+    tangent = np.tan(edge[:, :-1] + (np.arange(count) + 0.5) * step)
+    # Light at the points, turned to the rays' origin
+    s = np.maximum(foot + width * tangent, 0.0)
+    point = origin + s[..., None] * directions[:, None, None]
+    away = position - point
     r = np.maximum(np.linalg.norm(away, axis=-1), least)
     towards = away / r[..., None]
-    light = spot_factor(lamp, towards) / (r * r) * width[:, None] * (1.0 + tangent * tangent) * step[:, None]
-    cosine = np.einsum("mkc,mc->mk", towards, directions)
-    return LampSegments(light, cosine, s, r + s, point, least)
+    light = spot_factor(lamp, towards) / (r * r) * width * (1.0 + tangent * tangent) * step
+    # Take away what bodies keep off
+    if lamp.casts_shadow and bodies.occluders:
+        enter, leave = (m[:, None, None] for m in bodies.inside_m(origin, directions))
+        light[(s > enter) & (s < leave)] = 0.0
+        lit = light > 0.0
+        light[lit] *= bodies.visible_from(point[lit], position, least)
+    return light, np.einsum("mkpc,mc->mkp", towards, directions), r + s

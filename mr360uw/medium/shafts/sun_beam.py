@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from mr360uw.base.cache import Cache, PartOf
 from mr360uw.base.sphere import unit
 from mr360uw.jit import fast, inlined
-from mr360uw.medium.shafts.occluders import DISC_TAPS, HALO_TAPS, Shadows, shadows_in, visible_parts
+from mr360uw.medium.shafts.occluders import DISC_TAPS, HALO_TAPS, Outlines, ShadowMaps, shadows_in, visible_parts
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.medium.shafts.single_scattering import BeamPattern, radius_at
 from mr360uw.types import CausticStack
@@ -70,7 +70,7 @@ class SunBeam:
         across = across / np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
         course = across[:, [0, 2]] - across[:, 1:2] * maps.lean
         place = origin[[0, 2]] + maps.lean * self.scene.depth_m
-        turned = self.scene.water.turned(cosine)
+        turned = self.scene.water.phase.parts(cosine)
         of_rays = _Rays(np.ascontiguousarray(rays[:, 1]), sine, rate, reach, turned)
         columns = _Columns(np.append(first, len(rays)), course, place, widening_rad)
         seen, beam = self._seen(rays, rate, reach, light.shape[1]), np.zeros_like(light)
@@ -88,9 +88,9 @@ class SunBeam:
         if self.shadows is None:
             return self._seen_by_rays(rays, start, end)
         seen = np.empty((len(rays), count, 2))
-        of = self.shadows
-        for k, (maps, taps) in enumerate(((of.disc, DISC_TAPS), (of.halo, HALO_TAPS))):
-            visible_parts((self.scene.origin, rays), start, end, of.outlines, maps, taps, seen[:, :, k])
+        *both, outlines = self.shadows
+        for k, (maps, taps) in enumerate(zip(both, (DISC_TAPS, HALO_TAPS), strict=True)):
+            visible_parts((self.scene.origin, rays), start, end, outlines, maps, taps, seen[:, :, k])
         return seen
 
     def _seen_by_rays(self, rays: Array, start: Array, end: Array) -> Array:
@@ -105,8 +105,8 @@ class SunBeam:
         return result
 
 
-def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
-    """Return the shadows of a beam's bodies, None without bodies or where one has no bounds. cache: holds them."""
+def shadows_of(pattern: BeamPattern, cache: Cache) -> tuple[ShadowMaps, ShadowMaps, Outlines] | None:
+    """Return `shadows_in` of a beam's bodies, None without bodies or where one has no bounds. cache: holds them."""
     bodies, towards = pattern.bodies, unit(pattern.sun.direction)
     if not bodies.occluders or not np.all(np.isfinite(bodies.radius)):
         return None
