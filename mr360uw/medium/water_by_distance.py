@@ -20,7 +20,7 @@ Intervals are of the bootstrap over parts of the scene and over frames, with k a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,16 +154,16 @@ def water_by_distance(seen: SeenPlaces, seed: int = 1) -> WaterByDistance:
         return _untold(len(used), ratio)
     chosen = rng.permutation(used)[:_MOST_PLACES]
     draws = [_Draw.random(seen, chosen, rng) for _ in range(_DRAWS)]
-    whole = _Draw.whole(seen, chosen)
+    whole = _Draw(np.ones(len(chosen)), np.ones(seen.light.shape[1]))
     best, found = np.zeros((3, 2)), np.zeros((3, _DRAWS, 2))
     for channel in (2, 1, 0):  # each is compared with the next shorter waves
         one, shorter = _Channel(seen, chosen, channel), channel + 1
-        fit = one.fit(whole, None if channel == 2 else best[shorter, 0])
-        weight = one.weight(fit)
-        best[channel] = fit.theta[:2]
+        theta = one.fit(whole, None if channel == 2 else best[shorter, 0])
+        weight = one.weight(theta)
+        best[channel] = theta[:2]
         for k, draw in enumerate(draws):
-            again = one.fit(draw, None if channel == 2 else found[shorter, k, 0], fit, weight)
-            found[channel, k] = again.theta[:2] + _COMMON * rng.standard_normal(2)
+            _, again = one.fit_from(theta, draw, None if channel == 2 else found[shorter, k, 0], weight)
+            found[channel, k] = again[:2] + _COMMON * rng.standard_normal(2)
     found += (best - np.median(found, axis=1))[:, None]
     c, v = np.exp(best.T)
     low, high = np.percentile(np.exp(found), _NINETY, axis=1)
@@ -217,11 +217,6 @@ class _Draw:
     open_off: float = 0.0
 
     @classmethod
-    def whole(cls, seen: SeenPlaces, chosen: NDArray[np.int64]) -> _Draw:
-        """Return all places and frames, once."""
-        return cls(np.ones(len(chosen)), np.ones(seen.light.shape[1]))
-
-    @classmethod
     def random(cls, seen: SeenPlaces, chosen: NDArray[np.int64], rng: np.random.Generator) -> _Draw:
         """Return a draw with replacement of parts of the scene and of frames."""
         parts, number = np.unique(seen.part[chosen], return_inverse=True)
@@ -234,26 +229,12 @@ class _Draw:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fit:
-    """A fit of a channel. theta: (6,) log c, log V, g, h, log a and k of the module's text. shorter: log c of the next
-    shorter waves, None for blue. cost: half the sum of squares.
-    """
-
-    theta: Array
-    draw: _Draw
-    shorter: float | None
-    cost: float = 0.0
-
-    @property
-    def expected(self) -> float:
-        """log a that is expected."""
-        ratio = 0.0 if self.shorter is None else max(float(self.theta[0]) - self.shorter, 0.0)
-        return -_SLOWER * ratio + self.draw.slower
-
-
 class _Channel:
-    """The light of places in one channel, as one row for each place and frame that shows it."""
+    """The light of places in one channel, as one row for each place and frame that shows it.
+
+    Fits of it are theta (6,): log c, log V, g, h, log a and k of the module's text. shorter: log c of the next shorter
+    waves, None for blue.
+    """
 
     def __init__(self, seen: SeenPlaces, chosen: NDArray[np.int64], channel: int) -> None:
         shown = seen.seen[chosen]
@@ -270,64 +251,59 @@ class _Channel:
     _low = np.array([np.log(_CLEAREST), np.log(1e-5), -1.0, -2.0, -1.5, 0.0])
     _high = np.array([np.log(_MURKIEST), np.log(4.0), 4.0, 2.0, 0.5, 1.0])
 
-    def fit(self, draw: _Draw, shorter: float | None, start: _Fit | None = None, weight: Array | None = None) -> _Fit:
-        """Return the fit for a draw. shorter: log c of the next shorter waves. start, weight: of the whole clip."""
-        often = draw.places[self._place] * draw.frames[self._frame]
-        light = self._light * np.exp(draw.drift * self._far)
-        if start is not None and weight is not None:
-            return self._steps(_Fit(start.theta, draw, shorter), light, often * weight)
+    def fit(self, whole: _Draw, shorter: float | None) -> Array:
+        """Return the fit of all places and frames."""
         veil = float(np.median(self._open if len(self._open) else np.log(np.maximum(self._light, 1e-4))))
-        ends: list[_Fit] = []
+        ends: list[tuple[float, Array]] = []
         for first in _STARTS:
-            found = _Fit(np.array([np.log(first), veil, _SLOPE, 0.0, 0.0, _FASTER]), draw, shorter)
+            theta = np.array([np.log(first), veil, _SLOPE, 0.0, 0.0, _FASTER])
             for _ in range(_ROUNDS):
-                found = self._steps(found, light, often * self.weight(found))
-            ends.append(self._steps(found, light, often * self.weight(ends[0] if ends else found)))
-        return min(ends, key=lambda one: one.cost)
+                _, theta = self.fit_from(theta, whole, shorter, self.weight(theta))
+            ends.append(self.fit_from(theta, whole, shorter, self.weight(ends[0][1] if ends else theta)))
+        return min(ends, key=lambda end: end[0])[1]
 
-    def _steps(self, start: _Fit, light: Array, weight: Array) -> _Fit:
-        """Return the fit to light with a weight of each row."""
+    def fit_from(self, start: Array, draw: _Draw, shorter: float | None, weight: Array) -> tuple[float, Array]:
+        """Return half the sum of squares of the fit to a draw, and the fit. weight: of each row."""
         from scipy.optimize import least_squares
 
-        root = np.sqrt(weight)
-
-        def residuals(theta: Array) -> Array:
-            return self._residuals(replace(start, theta=theta), light, root)
-
+        light = self._light * np.exp(draw.drift * self._far)
+        root = np.sqrt(draw.places[self._place] * draw.frames[self._frame] * weight)
         found = least_squares(
-            residuals, np.clip(start.theta, self._low + 1e-6, self._high - 1e-6), bounds=(self._low, self._high),
+            self._residuals, np.clip(start, self._low + 1e-6, self._high - 1e-6), bounds=(self._low, self._high),
             x_scale=(0.1, 0.1, 0.3, 0.3, 0.1, 0.1), xtol=1e-4, ftol=1e-5, max_nfev=20,
+            args=(draw, shorter, light, root),
         )  # fmt: skip
-        return replace(start, theta=found.x, cost=float(found.cost))
+        return float(found.cost), found.x
 
-    def weight(self, fit: _Fit) -> Array:
+    def weight(self, theta: Array) -> Array:
         """Return the weight of each row: less where a place's light changes, and for single deviations."""
-        left, passed = self._left(fit, self._light, np.ones(len(self._light)))
+        left, passed = self._left(theta, self._light, np.ones(len(self._light)))
         noise = np.hypot(_STEPS, _RELATIVE * self._light)
         square = np.bincount(self._place, (left / passed) ** 2, len(self._count))
         change = np.sqrt(square / np.maximum(self._count - 1, 1))
         sigma = np.hypot(change[self._place] * passed, noise)
         return np.asarray(np.minimum(1.0, _CLIP * sigma / np.maximum(np.abs(left), 1e-12)) / sigma**2)
 
-    def _left(self, fit: _Fit, light: Array, weight: Array) -> tuple[Array, Array]:
+    def _left(self, theta: Array, light: Array, weight: Array) -> tuple[Array, Array]:
         """Return what a fit leaves over of each row's light, and its transmittance."""
-        slope, bend = fit.theta[2:4]
-        c, full, slower = np.exp(fit.theta[[0, 1, 4]])
+        slope, bend = theta[2:4]
+        c, full, slower = np.exp(theta[[0, 1, 4]])
         passed, up = np.exp(-c * self._distance), self._up
-        fills = c * np.maximum(slower - fit.theta[5] * up, 0.1)
+        fills = c * np.maximum(slower - theta[5] * up, 0.1)
         beyond = light - full * np.exp(slope * up + bend * up * up) * -np.expm1(-fills * self._distance)
         above, below = (np.bincount(self._place, weight * passed * one, len(self._count)) for one in (beyond, passed))
         return beyond - (above / np.maximum(below, 1e-12))[self._place] * passed, passed
 
-    def _residuals(self, fit: _Fit, light: Array, root: Array) -> Array:
+    def _residuals(self, theta: Array, draw: _Draw, shorter: float | None, light: Array, root: Array) -> Array:
         """Return residuals: of places in frames, of open water, and of what is known beforehand of g, h, a and k."""
-        left, _ = self._left(fit, light, root * root)
-        _, full, slope, bend, slower, faster = fit.theta
+        left, _ = self._left(theta, light, root * root)
+        c, full, slope, bend, slower, faster = theta
         up = self._open_up
         of_open = full + slope * up + bend * up * up - self._open
-        before = np.array([slope - fit.draw.slope, bend, slower - fit.expected, faster - fit.draw.faster])
+        expected = draw.slower - _SLOWER * (0.0 if shorter is None else max(float(c) - shorter, 0.0))
+        before = np.array([slope - draw.slope, bend, slower - expected, faster - draw.faster])
         return np.concatenate(
-            [left * root / np.sqrt(_ALIKE), of_open / self._open_noise - fit.draw.open_off, before / _BEFORE]
+            [left * root / np.sqrt(_ALIKE), of_open / self._open_noise - draw.open_off, before / _BEFORE]
         )
 
 
