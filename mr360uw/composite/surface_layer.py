@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from mr360uw.base.cache import Cache, PartOf
 from mr360uw.base.optics import fresnel
 from mr360uw.base.texels import smoothstep
+from mr360uw.caustics.sea import SeaParameters
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light
 from mr360uw.composite.light_sources import Blockers, LightSource, light_sources
 from mr360uw.composite.over_plate import empty_tile, hold_out
@@ -61,7 +62,7 @@ from mr360uw.composite.surface_rays import (
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.surface.ray_kernel import OFF_M
-from mr360uw.surface.sampled_sea import MovingSea, SampledSea
+from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.types import Floats, Layer, MediumTable, Rectangle, Tile
 
 Indices = NDArray[np.int64]
@@ -81,7 +82,7 @@ _SMOOTH_FROM, _SMOOTH_FULL = 2.0, 6.0
 
 def with_bodies(
     shot: Shot,
-    sea: MovingSea,
+    sea: SeaParameters,
     time_s: float,
     from_surface: MediumTable,
     settings: SurfaceSettings,

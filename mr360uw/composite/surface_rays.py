@@ -31,7 +31,7 @@ from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup
-from mr360uw.surface.facet_draws import FacetsOfRays, normal_of
+from mr360uw.surface.facet_draws import facets_at
 from mr360uw.surface.intersection import first_hits
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.types import Floats, Light, MediumTable, Sun
@@ -186,15 +186,12 @@ def sample_surface(
     point = away[..., None] * direction
     count = samples.count
     lost = np.repeat(seen.lost, count, axis=0)
-    facets = FacetsOfRays(direction.reshape(-1, 3), normal.reshape(-1, 3), lost, sides.in_water)
     # pairs of independent normal numbers that fill the plane evenly, other ones for each of `TURNS` squared neighbours
     number = (columns % TURNS + TURNS * (rows % TURNS))[:, None] + TURNS * TURNS * np.arange(count)
     step = np.arange(TURNS * TURNS * count)[:, None] + 0.5
     drawn = ndtri(np.remainder(0.5 + step * np.array(_PLASTIC), 1.0))[number].reshape(-1, 2)
-    slope = facets.at(drawn)
-    seen_as = np.maximum(facets.facing(slope), 0.0).reshape(-1, count)
-    shape = direction.shape
-    return SurfaceSamples(direction, away, point, normal_of(slope).reshape(shape), seen_as)
+    facet, seen_as = facets_at(direction.reshape(-1, 3), normal.reshape(-1, 3), lost, sides.in_water, drawn)
+    return SurfaceSamples(direction, away, point, facet.reshape(direction.shape), seen_as.reshape(-1, count))
 
 
 _CELLS = 128

@@ -1,5 +1,5 @@
-from .sampled_sea import MovingSea, SampledSea
+from .sampled_sea import SampledSea
 from .sea_floor import Floor
 from .sea_picture import SeaScene, SurfacePicture, picture
 
-__all__ = ["Floor", "MovingSea", "SampledSea", "SeaScene", "SurfacePicture", "picture"]
+__all__ = ["Floor", "SampledSea", "SeaScene", "SurfacePicture", "picture"]

@@ -16,7 +16,6 @@ Random numbers of rays are made from 32-bit keys by PCG as a hash (Jarzynski & O
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,41 +34,24 @@ _HALVINGS = 24
 """Bisections of that range: a slope is right to a millionth of its standard deviation."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FacetsOfRays:
-    """Facets that n rays meet. travel, normal: (n, 3), the normal up; covariance: (n, 3) of slopes, xx, xz, zz.
-    from_below: whether the rays run in the water.
+def facets_at(
+    travel: Array, normal: Array, covariance: Array, from_below: bool, normal_numbers: Array
+) -> tuple[Array, Array]:
+    """Return facets that n rays meet: unit normals (n, 3), up, and f (n,) of their slopes, at least 0.
+
+    travel: (n, 3). normal: (n, 3) of the mean slope, up. covariance: (n, 3) of slopes, xx, xz, zz. from_below: whether
+    the rays run in the water. normal_numbers: (n, 2) independent ones that a facet's two slopes are made of.
     """
-
-    travel: Array
-    normal: Array
-    covariance: Array
-    from_below: bool
-
-    @property
-    def slope(self) -> Array:
-        """Mean slopes (n, 2)."""
-        return -self.normal[:, [0, 2]] / np.maximum(self.normal[:, 1:2], _LEAST)
-
-    def facing(self, slope: Array) -> Array:
-        """Return f (n,) of slopes (n, 2), positive on the side that the ray comes from."""
-        d = self.travel
-        turned = d[:, 0] * slope[:, 0] + d[:, 2] * slope[:, 1] - d[:, 1]
-        return -turned if self.from_below else turned
-
-    def at(self, normal_numbers: Array) -> Array:
-        """Return the slopes (n, 2) that two independent normal numbers (n, 2) stand for."""
-        c, (g, h) = self.covariance, normal_numbers.T
-        xx = np.sqrt(np.maximum(c[:, 0], 0.0))
-        zx = c[:, 1] / np.maximum(xx, _LEAST)
-        zz = np.sqrt(np.maximum(c[:, 2] - zx * zx, 0.0))
-        return np.asarray(self.slope + np.stack([xx * g, zx * g + zz * h], axis=-1))
-
-
-def normal_of(slope: Array) -> Array:
-    """Return unit normals (n, 3) up of slopes (n, 2)."""
-    normal = np.stack([-slope[:, 0], np.ones(len(slope)), -slope[:, 1]], axis=-1)
-    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+    c, (g, h) = covariance, normal_numbers.T
+    xx = np.sqrt(np.maximum(c[:, 0], 0.0))
+    zx = c[:, 1] / np.maximum(xx, _LEAST)
+    zz = np.sqrt(np.maximum(c[:, 2] - zx * zx, 0.0))
+    mean = -normal[:, [0, 2]] / np.maximum(normal[:, 1:2], _LEAST)
+    x, z = (mean + np.stack([xx * g, zx * g + zz * h], axis=-1)).T
+    facing = travel[:, 0] * x + travel[:, 2] * z - travel[:, 1]
+    facet = np.stack([-x, np.ones(len(x)), -z], axis=-1)
+    facet = facet / np.linalg.norm(facet, axis=-1, keepdims=True)
+    return np.asarray(facet), np.maximum(-facing if from_below else facing, 0.0)
 
 
 _BITS = 0xFFFFFFFF

@@ -257,7 +257,7 @@ def first_hits(
 def waves_of(sea: SampledSea) -> SeaWaves:
     """Return what rays read of a sea."""
     maps, numbers = sea.maps, (sea.tile_m, sea.step_m, sea.lowest_m, sea.highest_m)
-    return SeaWaves(*numbers, sea.fine, sea.table, maps.height, maps.shift, maps.table, maps.steepest)
+    return SeaWaves(*numbers, sea.coefficients, sea.table, maps.height, maps.shift, maps.table, maps.steepest)
 
 
 @borrowing

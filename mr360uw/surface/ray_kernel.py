@@ -195,7 +195,7 @@ def followed(w: RayWorld, stack: Any, start: Hit, known: bool) -> Vector:
         row = stack[waiting]
         o, v, weight = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8])
         width, spread, lobe, generation, side = row[9], row[10], row[11], int(row[13]), row[14]
-        key, in_water = int(row[12]), side < 0.0
+        in_water = side < 0.0
         ray = Ray(o, v, side, width, spread)
         hit, floor = met(w, ray, start, known and generation == 0)
         distance = min(hit.distance, floor)
@@ -204,7 +204,7 @@ def followed(w: RayWorld, stack: Any, start: Hit, known: bool) -> Vector:
             light = add(light, times(weight, scattered), 1.0)
             weight = times(weight, passed)
         if hit.distance < math.inf:
-            glint, waiting = _part(w, stack, waiting, ray, weight, lobe, key, generation, hit)
+            glint, waiting = _part(w, stack, waiting, ray, weight, hit)
             light = add(light, (weight[0] * w.sun.red, weight[1] * w.sun.green, weight[2] * w.sun.blue), glint)
         elif floor < math.inf:
             x, z = o[0] + floor * v[0], o[2] + floor * v[2]
@@ -222,20 +222,18 @@ def followed(w: RayWorld, stack: Any, start: Hit, known: bool) -> Vector:
 
 
 @borrowing
-def _part(
-    w: RayWorld, stack: Any, waiting: int, ray: Ray, weight: Vector, lobe: float, key: int, generation: int, hit: Hit
-) -> tuple[float, int]:
-    """Add the reflected and the refracted ray of a hit to the stack; return the sun's light that comes back along the
-    ray, over that of its disc, and the rows that wait then.
+def _part(w: RayWorld, stack: Any, waiting: int, ray: Ray, weight: Vector, hit: Hit) -> tuple[float, int]:
+    """Put the reflected and the refracted ray of a hit in the place of their ray, the first row that does not wait;
+    return the sun's light that comes back along the ray, over that of its disc, and the rows that wait then.
     """
-    o, v, side, width, spread = ray
+    row, (o, v, side, width, spread) = stack[waiting], ray
+    lobe, key, generation = row[11], int(row[12]), int(row[13]) + 1
     sun, index = w.sun, w.refractive_index
     normal, rippled = tilted(w.ripples, hit.normal, hit.a, hit.b, hit.sigma_m)
     xx, xz, zz = level_slopes(w.ripples, hit.level)
     covariance = xx + rippled, xz, zz + rippled
     facets = facets_of(v, normal, covariance, side)
     glint = sunlight(sun, v, normal, facets, side, index) if sun.solid_angle > 0.0 else 0.0
-    generation += 1
     brightest = w.samples * max(weight[0], weight[1], weight[2])
     if generation >= _GENERATIONS or brightest <= FAINTEST:
         return glint, waiting
@@ -272,21 +270,25 @@ def _part(
 class RayStage:
     """Objects that rays can meet. samples: rays of one pixel, which take different facets.
 
-    floor_y_m: over the mean surface. camera_in_water: on which side of the waves the camera is. planes: depths of
-    an uneven floor and the light there.
+    floor_y_m: over the mean surface. planes: depths of planes at the floor and the light there, one for a level floor.
+    camera_in_water: on which side of the waves the camera is.
     """
 
     sea: SampledSea
     dome: Dome
     floor: Floor
     floor_y_m: float
-    floor_light: FloorIrradiance
+    planes: tuple[tuple[float, FloorIrradiance], ...]
     water: WaterLight
     sun: Sun | None
     refractive_index: float
     samples: int
     camera_in_water: bool
-    planes: tuple[tuple[float, FloorIrradiance], ...] = ()
+
+    @property
+    def floor_light(self) -> FloorIrradiance:
+        """The light at the floor's mean height, or at its highest plane."""
+        return self.planes[0][1]
 
 
 def ray_world(stage: RayStage) -> RayWorld:
@@ -319,7 +321,7 @@ def ripples_of(sea: SampledSea) -> Ripples:
 
 def _ground(stage: RayStage) -> LitFloor:
     floor, sea = stage.floor, stage.sea
-    planes = [(depth, light.even, _merged(light)) for depth, light in stage.planes or ((1.0, stage.floor_light),)]
+    planes = [(depth, light.even, _merged(light)) for depth, light in stage.planes]
     pictures = [floor.image.levels, *(levels for _, _, patterns in planes for _, levels in patterns)]
     texels, table = packed([level for levels in pictures for level in levels])
     counts = np.array([len(levels) for levels in pictures])

@@ -15,7 +15,7 @@ import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -23,9 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.base.parameters import checked
 from mr360uw.base.texels import between_four, periodic_four
-from mr360uw.caustics.sea import Detail, detail_slope
+from mr360uw.caustics.sea import Detail, SeaParameters, detail_slope
 from mr360uw.jit import borrowing, exact, inlined
-from mr360uw.types import Array, Floats, Surface
+from mr360uw.types import Array, Floats
 
 _SAMPLES = 12
 """Points to the shortest wave: cubic splines are then off by 2e-4 of its height. Twice as many: 1e-5, four times the
@@ -38,40 +38,19 @@ _HARDLY = 1e-9
 """Amplitude of a wave over that of the largest that is rounding."""
 
 
-class MovingSea(Protocol):
-    """Interface of a sea, which `caustics.GerstnerSea` and `caustics.SpectralSea` have."""
-
-    @property
-    def tile_m(self) -> float:
-        """Side [m] of the square after which the sea repeats."""
-
-    @property
-    def blur_slope(self) -> float:
-        """Root mean square slope, both axes, of waves that are not drawn."""
-
-    def grid_fields(self, size: int, time_s: float) -> Any:
-        """Return `SurfaceFields` (size, size) at x = column tile/size, z = row tile/size."""
-
-    def detail(self, time_s: float) -> Detail | None:
-        """Return ripples whose slopes are added, or None."""
-
-    def grid_surface(self, size: int, time_s: float) -> Surface:
-        """Return the displaced surface at the same points."""
-
-
 @dataclass(frozen=True, eq=False)
 class SampledSea:
     """Splines of a sea at one time.
 
-    coefficients: (sum of n^2, 3) of height and shift over (x, z), level after level, rows = z. start, size: (L,) first
-    coefficient and points across the tile n of each level. step_m: distance of the points of level 0. lost_slope: (L,
+    coefficients: (sum of n^2, 3) of height and shift over (x, z), level after level, rows = z, in single precision,
+    half as much to read: heights change by 1e-8 m. table: (L, 2) first coefficient and points across the tile n of each
+    level. step_m: distance of the points of level 0. lost_slope: (L,
     3) covariances xx, xz, zz of the slopes that a level lacks. lowest_m, highest_m: of the surface. steepest: greatest
     slope. detail: ripples. blur_variance: variance of slope along each axis of waves that are not drawn.
     """
 
-    coefficients: Array
-    start: NDArray[np.int64]
-    size: NDArray[np.int64]
+    coefficients: NDArray[np.float32]
+    table: NDArray[np.int64]
     tile_m: float
     step_m: float
     lost_slope: Array
@@ -83,7 +62,7 @@ class SampledSea:
 
     @classmethod
     @checked
-    def of(cls, sea: MovingSea, time_s: float, points: int | None = None) -> SampledSea:
+    def of(cls, sea: SeaParameters, time_s: float, points: int | None = None) -> SampledSea:
         """Return the splines of a sea at a time [s]. points: across the tile, of `points_across` unless given."""
         n, tile = points_across(sea) if points is None else points, sea.tile_m
         # what rays ask of the whole surface; the fields of slopes and strain, most of the memory, are let go of then
@@ -97,7 +76,7 @@ class SampledSea:
         sigmas = [0.0, *(tile / n * 2.0**level for level in range(1 + math.ceil(math.log2(n))))]
         sizes = [min(n, max(2 * n >> max(level - 1, 0), 4)) for level in range(len(sigmas))]
         start = np.cumsum([0, *(size * size for size in sizes)])
-        coefficients = np.empty((start[-1], 3))
+        coefficients = np.empty((start[-1], 3), np.float32)
         k, kx = (2.0 * np.pi / tile * f(n, 1.0 / n) for f in (np.fft.fftfreq, np.fft.rfftfreq))
         slope = np.abs(spectra[0]) ** 2
         slope[:, 1:-1] *= 2.0  # waves and their conjugates, of which the spectrum has one
@@ -111,7 +90,7 @@ class SampledSea:
                 coefficients[first : first + size * size, part] = _coefficients(spectrum * both, size).ravel()
         margin = 0.02 * (highest - lowest) + 1e-9
         return cls(
-            coefficients, start[:-1], np.array(sizes), tile, tile / n, np.array(lost), lowest - margin,
+            coefficients, np.stack([start[:-1], sizes], axis=-1), tile, tile / n, np.array(lost), lowest - margin,
             highest + margin, min(1.1 * steepest + 1e-6, _STEEPEST), sea.detail(time_s), 0.5 * sea.blur_slope**2,
         )  # fmt: skip
 
@@ -119,32 +98,22 @@ class SampledSea:
         """Return the height (n,) [m] of the surface over the mean above places (n,)."""
         x, z = (np.ascontiguousarray(a, np.float64) for a in (x_m, z_m))
         out = np.zeros(len(x))
-        _heights_at(self.fine, self.table, self.tile_m, x, z, out)
+        _heights_at(self.coefficients, self.table, self.tile_m, x, z, out)
         return out
-
-    @functools.cached_property
-    def fine(self) -> NDArray[np.float32]:
-        """The coefficients in single precision, half as much to read: heights change by 1e-8 m."""
-        return self.coefficients.astype(np.float32)
-
-    @functools.cached_property
-    def table(self) -> NDArray[np.int64]:
-        """Start and size (L, 2) of every level."""
-        return np.stack([self.start, self.size], axis=-1)
 
     @functools.cached_property
     def maps(self) -> HeightMaps:
         """Maps of the height over places."""
-        return _height_maps(self.fine, self.table, self.tile_m, self.steepest)
+        return _height_maps(self.coefficients, self.table, self.tile_m, self.steepest)
 
     def level_of(self, sigma_m: Floats) -> Array:
         """Return the fractional level (...,) for a Gaussian of a standard deviation [m]."""
         s = np.asarray(sigma_m, np.float64) / self.step_m
-        return np.minimum(np.where(s < 1.0, s, 1.0 + np.log2(np.maximum(s, 1.0))), len(self.size) - 1.0)
+        return np.minimum(np.where(s < 1.0, s, 1.0 + np.log2(np.maximum(s, 1.0))), len(self.table) - 1.0)
 
     def unresolved(self, level: Array) -> Array:
         """Return the covariance (..., 3), xx, xz, zz, of the slopes that a level lacks, with those never drawn."""
-        at = np.arange(len(self.size))
+        at = np.arange(len(self.lost_slope))
         lost = np.stack([np.interp(level, at, self.lost_slope[:, c]) for c in range(3)], axis=-1)
         return lost + self.blur_variance * np.array([1.0, 0.0, 1.0])
 
@@ -178,7 +147,7 @@ _DOMINANT_WAVES = 6.0
 """Waves of the dominant length in one repeat of the ripples' map."""
 
 
-def points_across(sea: MovingSea) -> int:
+def points_across(sea: SeaParameters) -> int:
     """Return the points across the tile, a power of two, that the sea's shortest wave needs at any time."""
     height = np.abs(np.fft.fft2(sea.grid_fields(_PROBE, 0.0).height))
     height[0, 0] = 0.0

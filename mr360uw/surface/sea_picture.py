@@ -179,10 +179,8 @@ class SeaScene:
         if floor.lowest_m < floor.highest_m:
             depths = _plane_depths(depth - floor.highest_m, depth - floor.lowest_m)
         lights = [self._cache.of(self._floor_light, water, sampled, time, d, keep=len(depths)) for d in depths]
-        planes = tuple(zip(depths, lights, strict=True)) if len(depths) > 1 else ()
-        return RayStage(
-            sampled, self.dome, floor, -depth, lights[0], water, self.sun, index, samples, in_water, planes
-        )  # fmt: skip
+        planes = tuple(zip(depths, lights, strict=True))
+        return RayStage(sampled, self.dome, floor, -depth, planes, water, self.sun, index, samples, in_water)
 
     def _floor_light(self, water: WaterLight, sampled: SampledSea, time_s: float, depth_m: float) -> FloorIrradiance:
         return water.on_floor(self.sea, sampled, self.dome, self.sun, depth_m, time_s, self.caustics)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.cache import shared
 from mr360uw.base.constants import PI
 from mr360uw.base.optics import fresnel_transmittance
 from mr360uw.base.parameters import numbers
@@ -128,20 +129,13 @@ class Dome:
         passed = fresnel_transmittance(self._view[..., 1], refractive_index)
         return np.asarray(np.einsum("hwc,hw->c", self._upper, self._weights * passed))
 
+    @shared(keep=4)
     def divided(self, refractive_index: float) -> tuple[Dome, list[SkyPatch]]:
-        """Return the soft part of the sky, and as patches what is brighter: all of `irradiance_below` in sum; made once
-        for an index.
-        """
-        if refractive_index not in self._divided:
-            most = _BRIGHT * float(self.irradiance.max()) / PI
-            kept = most / np.maximum(self.radiance.max(axis=-1, keepdims=True), max(most, 1e-300))
-            soft = Dome(self.radiance * kept)
-            self._divided[refractive_index] = soft, self._patches(self._upper - soft._upper, refractive_index)
-        return self._divided[refractive_index]
-
-    @functools.cached_property
-    def _divided(self) -> dict[float, tuple[Dome, list[SkyPatch]]]:
-        return {}
+        """Return the soft part of the sky, and as patches what is brighter: all of `irradiance_below` in sum."""
+        most = _BRIGHT * float(self.irradiance.max()) / PI
+        kept = most / np.maximum(self.radiance.max(axis=-1, keepdims=True), max(most, 1e-300))
+        soft = Dome(self.radiance * kept)
+        return soft, self._patches(self._upper - soft._upper, refractive_index)
 
     def _patches(self, bright: Array, refractive_index: float) -> list[SkyPatch]:
         """Return radiance (h/2, w, 3) above the horizon as patches."""
