@@ -79,12 +79,6 @@ def surface_jacobian(f: SurfaceFields) -> Floats:
     return (1.0 + f.strain_xx) * (1.0 + f.strain_zz) - f.strain_xz * f.strain_xz
 
 
-def _displaced_surface(x_m: Floats, z_m: Floats, fields: SurfaceFields, detail: ArrayLike = 0.0) -> Surface:
-    """Return the surface over undisplaced points (x, z) [m]."""
-    position = _vectors(x_m + fields.shift_x, fields.height, z_m + fields.shift_z)
-    return Surface(position, _surface_normal(fields, detail), surface_jacobian(fields))
-
-
 class SeaParameters(Parameters):
     """Parameters of every sea. Directions are azimuths as seen from above: 0 = forward (-z), 90 = right (+x)."""
 
@@ -214,7 +208,7 @@ class SeaParameters(Parameters):
         >>> sea.surface(1.0, 2.0, time_s=0.0).normal
         array([0., 1., 0.])
         """
-        _check_time(time_s)
+        number("time_s", time_s)
         common_shape(x_m=x_m, z_m=z_m)
         x, z = np.broadcast_arrays(np.asarray(x_m, np.float64), np.asarray(z_m, np.float64))
         flat_x, flat_z = x.ravel(), z.ravel()
@@ -223,18 +217,21 @@ class SeaParameters(Parameters):
             for i in range(0, max(x.size, 1), _POINTS_AT_ONCE)
         ]
         fields = SurfaceFields(*(np.concatenate(field).reshape(x.shape) for field in zip(*parts, strict=True)))
-        detail = self.detail(time_s)
-        return _displaced_surface(x, z, fields, 0.0 if detail is None else detail_slope(detail, x, z))
+        return self._displaced(x, z, fields, time_s)
 
     def grid_surface(self, size: int, time_s: float) -> Surface:
         """Return `surface` at x = column tile/size, z = row tile/size, (size, size), by the quickest exact way."""
-        _check_time(time_s)
+        number("time_s", time_s)
         at = np.arange(size) * (self.tile_m / size)
         x, z = np.broadcast_arrays(at, at[:, None])
+        return self._displaced(x, z, self.grid_fields(size, time_s), time_s)
+
+    def _displaced(self, x_m: Array, z_m: Array, fields: SurfaceFields, time_s: float) -> Surface:
+        """Return the surface with its ripples over undisplaced points (x, z) [m]."""
+        position = _vectors(x_m + fields.shift_x, fields.height, z_m + fields.shift_z)
         detail = self.detail(time_s)
-        return _displaced_surface(
-            x, z, self.grid_fields(size, time_s), 0.0 if detail is None else detail_slope(detail, x, z)
-        )
+        ripples = 0.0 if detail is None else detail_slope(detail, x_m, z_m)
+        return Surface(position, _surface_normal(fields, ripples), surface_jacobian(fields))
 
 
 def _travel(azimuth_deg: float) -> Array:
@@ -248,11 +245,6 @@ def _mean_square_slope_of(sea: SeaParameters) -> float:
     slope = _surface_normal(f)
     area = np.maximum(surface_jacobian(f), 0.0)
     return float(np.average((1.0 - slope[..., 1] ** 2) / slope[..., 1] ** 2, weights=area))
-
-
-def _check_time(time_s: float) -> None:
-    """Raise `ParameterError` unless the time is finite."""
-    number("time_s", time_s)
 
 
 _DETAIL_SIZE = 64
