@@ -258,7 +258,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("medium/closed_form.py", "one(nm) ** (1.0 - share) * other(nm) ** share",
      "one(nm) ** share * other(nm) ** (1.0 - share)", "medium/test_water.py"),
     ("medium/veil_gain.py", "np.cumsum(change[1:])", "np.cumsum(change[:-1])", "render/test_gain.py"),
-    ("medium/layers.py", "self.scattering * (1.0 - peak)", "self.scattering * peak", "medium/test_stratified.py"),
+    ("medium/layers.py", "first.beam * self._beam_left(top)", "first.beam", "medium/test_stratified.py"),
     ("medium/layers.py", "np.lexsort((columns[\"wavelength_nm\"], columns[\"depth_m\"]))",
      "np.argsort(columns[\"depth_m\"])[::-1]", "medium/test_stratified.py"),
     ("medium/layers.py", "(kept - left) * self.radiance", "(kept + left) * self.radiance", "medium/test_stratified.py"),

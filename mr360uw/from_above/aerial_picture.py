@@ -35,8 +35,8 @@ from mr360uw.from_above.aerial_bodies import (
 from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, AerialWaterSettings
 from mr360uw.ibl.tilt import level_matrix
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.lookup import FormationModel
 from mr360uw.medium.medium import RGB_NM, Mode
+from mr360uw.medium.models import FormationModel
 from mr360uw.medium.spectra import named_sensor
 from mr360uw.published import blended_albedo, thresholded_reflection
 from mr360uw.sample.dive_settings import DiveSettings

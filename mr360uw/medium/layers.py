@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The light of stratified water: layers of constant coefficients, solved together by discrete ordinates.
 
-Each layer has the modes of homogeneous water (`ordinates`, `transfer`): half of them fade downwards from its top, half
+Each layer has the modes of homogeneous water (`transfer.LightField`): half of them fade downwards from its top, half
 upwards from its bottom. Their amounts follow from the surface, from radiances that are the same on both sides of every
 interface, and from the floor or, in a last layer without end, from modes that fade upwards being none. Nothing is
 approximated besides the streams, so equal layers are homogeneous water. Rays gather what each layer that they cross
@@ -10,7 +10,8 @@ scatters into them (`ray_field`), less what the layers before it take. The refra
 
 from __future__ import annotations
 
-import functools
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Self
@@ -20,32 +21,15 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import PositiveInt
 
 from mr360uw.base.constants import PI, REFRACTIVE_INDEX_SEA
-from mr360uw.base.optics import critical_cosine, fresnel_from_below
+from mr360uw.base.optics import fresnel_from_below
 from mr360uw.base.parameters import checked, exactly, numbers
 from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.phase import Phase, without_peak
-from mr360uw.medium.ray_field import (
-    LambertFloor,
-    Modes,
-    OfBeam,
-    Ordinates,
-    RayField,
-    Sky,
-    SkyShape,
-    SurfaceKind,
-    at_surface,
-    bounded,
-    cosine_kernel,
-    floor_at,
-    index_below,
-    length_to,
-    nodes,
-    sky_parts,
-)
+from mr360uw.medium.phase import Phase
+from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind, at_surface, bounded, floor_at, length_to
 from mr360uw.medium.spectra import read_columns
-from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
+from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
 from mr360uw.types import Array
 
 
@@ -119,19 +103,19 @@ class LayeredField:
                 f"top_m - must ascend from 0 (got {self.top_m.tolist()!r:.60}) - give the depth where each layer begins"
             )
         self.absorption, self.scattering = _of_layers(len(self.top_m), absorption, scattering)
-        count = self.absorption.shape[1]
-        self._index = index_below(surface, refractive_index)
-        self._phase, peak, self._chi = without_peak(phase, count, 2 * streams)
-        self._floor_m, self._albedo = floor_at(floor, count)
+        self._floor_m, self._albedo = floor_at(floor, self.absorption.shape[1])
         if self._floor_m <= self.top_m[-1] or sky == "floor":
             raise ParameterError(
                 f"floor - must lie below the last layer's top at {self.top_m[-1]:g} m, lit from above (got "
                 f"{self._floor_m:g} m, sky {sky!r:.20}) - move it, or leave layers out"
             )
-        self._faded = self.absorption + self.scattering * (1.0 - peak)
-        self._mu, self._weight = nodes(streams, critical_cosine(self._index))
+        self._layers = [
+            LightField(a, b, phase, surface, sky, refractive_index, streams)
+            for a, b in zip(self.absorption, self.scattering, strict=True)
+        ]
+        self._faded = np.array([layer.faded for layer in self._layers])
         with one_blas_thread():
-            self._solve(sky)
+            self._join()
 
     @classmethod
     def from_profile(
@@ -273,8 +257,10 @@ class LayeredField:
         array([1.])
         """
         check_ray(0.0, depth_m, normal_up)
-        y, normal = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up, np.float64))
-        return self._weighted(y, normal, slope=False)
+        y, normal = np.broadcast_arrays(
+            np.minimum(np.asarray(depth_m, np.float64), self._floor_m), np.asarray(normal_up, np.float64)
+        )
+        return self._in_layers(y, lambda layer, at: layer.irradiance(y[at], normal[at]))
 
     def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
         """Return the irradiance of a small sphere, E_0, sun included.
@@ -308,7 +294,8 @@ class LayeredField:
         array([0.94])
         """
         check_ray(0.0, depth_m, 0.0)
-        return self._weighted(np.asarray(depth_m, np.float64), None, slope=False)
+        y = np.minimum(np.asarray(depth_m, np.float64), self._floor_m)
+        return self._in_layers(y, lambda layer, at: layer.scalar_irradiance(y[at]))
 
     def diffuse_attenuation(self, depth_m: ArrayLike) -> Array:
         """Return Kd = -d ln E_d/dz.
@@ -343,9 +330,9 @@ class LayeredField:
         [[0.064], [0.271]]
         """
         check_ray(0.0, depth_m, 0.0)
-        y = np.asarray(depth_m, np.float64)
-        up = np.ones(y.shape)
-        return -self._weighted(y, up, slope=True) / self._weighted(y, up, slope=False)
+        y = np.minimum(np.asarray(depth_m, np.float64), self._floor_m)
+        slope = self._in_layers(y, lambda layer, at: layer.slope().irradiance(y[at], 1.0))
+        return -slope / self.irradiance(y, 1.0)
 
     def transmittance(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the fraction of light that passes along a ray without being absorbed or scattered.
@@ -476,73 +463,50 @@ class LayeredField:
         y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
         y = np.minimum(y, self._floor_m)
         s = np.minimum(ray_in_water(np.inf, y, mu), length_to(self._floor_m, y, mu))
-        behind = np.zeros((*s.shape, len(self._beam)))
+        behind = np.zeros((*s.shape, self.absorption.shape[1]))
         rising = mu > 0.0
         if np.any(rising):
             below = self.radiance(0.0, -mu[rising])
-            behind[rising] = at_surface(mu[rising], self._sky, self._shape, self._index, below)
+            first = self._layers[0]
+            behind[rising] = at_surface(mu[rising], first.sky_radiance, first.shape, first.refractive_index, below)
         if np.isfinite(self._floor_m):
             behind[mu < 0.0] = self._albedo / PI * self.irradiance(self._floor_m, 1.0)
         return self._scattered_into(s, y, mu) + np.exp(-self._along(self._faded, s, y, mu)) * behind
 
     # --- solution ----------------------------------------------------------------------------------------------
 
-    def _solve(self, sky: Sky) -> None:
-        """Find the amounts of all layers' modes and keep them: `_modes`, a layer each, the beam's mode last."""
-        mu, w, chi, index = self._mu, self._weight, self._chi, self._index
-        # Share the light that enters between the sun's beam and the sky
-        self._sun_mu, sun_share = sky_parts(sky)
-        self._shape = sky if isinstance(sky, SkyShape) else SkyShape()
-        entering = (1.0 - fresnel_from_below(mu, index)) * self._shape.seen_through(mu, index)
-        of_sky = (1.0 - sun_share) / (2.0 * PI * np.sum(w * mu * entering))
-        entering = entering * of_sky
-        bottom = np.append(self.top_m[1:], self._floor_m)
-        self._beam = np.full(self.absorption.shape[1], sun_share / self._sun_mu)
-        # Find the free modes of each layer, and those that the sun's beam drives in it
-        free, sun, waters = [], [], []
-        for layer, (top, end) in enumerate(zip(self.top_m, bottom, strict=True)):
-            moments = (2 * np.arange(chi.shape[1]) + 1) * chi * (self._faded[layer] - self.absorption[layer])[:, None]
-            water = Ordinates(mu, w, self._faded[layer], moments)
-            waters.append(water)
-            fading = water.free()
-            down = Modes(fading.rate, np.full(len(mu), top), fading.down, fading.up)
-            free.append(down if np.isinf(end) else down.beside(fading.mirrored(end)))
-            driven = water.driven(self._sun_mu, self._beam * self._beam_left(np.array(top)))
-            sun.append(Modes(driven.rate, np.full(1, top), driven.down, driven.up))
+    def _join(self) -> None:
+        """Find the amounts of all layers' modes together: so far each layer has light as if it had no end."""
+        first, bottom = self._layers[0], np.append(self.top_m[1:], self._floor_m)
+        mu, w, sun_mu = first.mu, first.weight, first.sun_mu
+        # Take the free modes of each layer from its top and its bottom, and those that the sun's beam drives in it
+        beams = [first.beam * self._beam_left(top) for top in self.top_m]
+        free, sun = [], []
+        for layer, top, end, beam in zip(self._layers, self.top_m, bottom, beams, strict=True):
+            down = replace(layer.ordinates.free, origin_m=np.full(len(mu), top))
+            free.append(down if np.isinf(end) else down.beside(down.mirrored(end)))
+            sun.append(replace(layer.ordinates.driven(sun_mu, beam), origin_m=np.full(1, top)))
         # Find their amounts, then scale all to a unit of irradiance just below the surface
-        lit = self._albedo / PI * (self._beam * self._sun_mu * self._beam_left(np.array(self._floor_m)))
+        reflectance = fresnel_from_below(mu, first.refractive_index)
+        entering = (
+            first.sky_radiance[:, None] * (1.0 - reflectance) * first.shape.seen_through(mu, first.refractive_index)
+        )
+        lit = self._albedo / PI * (first.beam * sun_mu * self._beam_left(np.array(self._floor_m)))
         sent = 2.0 * self._albedo[:, None] * w * mu
-        modes = bounded(free, sun, bottom.tolist(), fresnel_from_below(mu, index), entering, sent, lit)
-        incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes[0].at(0.0)[0]) + sun_share
-        self._beam, self._sky = self._beam / incident, of_sky / incident
-        self._modes = [m.times(np.broadcast_to(1.0 / incident[:, None], m.rate.shape)) for m in modes]
-        self._moments = [water.moments(of_layer) for water, of_layer in zip(waters, self._modes, strict=True)]
+        modes = bounded(free, sun, bottom.tolist(), reflectance, entering, sent, lit)
+        incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes[0].at(0.0)[0]) + first.level_beam
+        sky = first.sky_radiance
+        for layer, top, beam, of_layer in zip(self._layers, self.top_m, beams, modes, strict=True):
+            layer.take(of_layer, beam, sky, incident, top)
 
-    def _weighted(self, y: Array, normal: Array | None, *, slope: bool) -> Array:
-        """Return the irradiance (..., n) of planes of a normal (...), or of spheres for None; or its slope in depth."""
-        y = np.minimum(y, self._floor_m)
-        # Sum the modes of each layer at its depths
-        layer_of, flat = self._layer_of(y).ravel(), y.ravel()
-        out = np.empty((flat.size, len(self._beam)))
-        for layer, modes in enumerate(self._modes):
-            of = np.flatnonzero(layer_of == layer)
-            if not len(of):
-                continue
-            n = None if normal is None else normal.ravel()[of][:, None]
-            # Weigh directions by the cosine to the normal, or all alike
-            down, up, direct = (
-                np.full((len(of), x.size), 2.0 * PI) if n is None else cosine_kernel(x, n)
-                for x in (self._mu, -self._mu, np.array([self._sun_mu]))
-            )
-            # Fall of each mode and of the beam, or its slope
-            fall = np.exp(-modes.rate * (flat[of][:, None, None] - modes.origin_m))
-            beam = self._beam * self._beam_left(flat[of]) * direct / (2.0 * PI)
-            if slope:
-                fall, beam = fall * -modes.rate, beam * -self._faded[layer] / self._sun_mu
-            sums = np.einsum("pi,nij->pnj", down * self._weight, modes.down)
-            sums += np.einsum("pi,nij->pnj", up * self._weight, modes.up)
-            out[of] = np.sum(sums * fall, axis=-1) + beam
-        return out.reshape(*y.shape, len(self._beam))
+    def _in_layers(self, y: Array, light: Callable[[LightField, NDArray[np.bool_]], Array]) -> Array:
+        """Return light (..., n) at depths (...). light: gives that of a layer at those of the depths that are in it."""
+        layer_of, found = self._layer_of(y), np.empty((*y.shape, self.absorption.shape[1]))
+        for number, layer in enumerate(self._layers):
+            inside = np.asarray(layer_of == number)
+            if np.any(inside):
+                found[inside] = light(layer, inside)
+        return found
 
     # --- along rays --------------------------------------------------------------------------------------------
 
@@ -556,7 +520,7 @@ class LayeredField:
 
     def _scattered_into(self, s: Array, y: Array, mu: Array) -> Array:
         """Return the radiance (..., n) that all layers scatter into rays that end in the water."""
-        total = np.zeros((*s.shape, len(self._beam)))
+        total = np.zeros((*s.shape, self.absorption.shape[1]))
         level = np.abs(mu) <= _LEVEL
         for layer, (top, end) in enumerate(pairwise([*self.top_m, np.inf])):
             to_top, to_end = (np.divide(y - d, mu, out=np.zeros(s.shape), where=~level) for d in (top, end))
@@ -569,26 +533,8 @@ class LayeredField:
             way, depth, toward = begin[inside], y[inside], mu[inside]
             left = np.exp(-self._along(self._faded, way, depth, toward))
             starts = np.clip(depth - way * toward, top, end)
-            total[inside] += left * self._rays[layer].inscatter(stop[inside] - way, starts, toward)
+            total[inside] += left * self._layers[layer].rays.inscatter(stop[inside] - way, starts, toward)
         return total
-
-    @functools.cached_property
-    def _rays(self) -> list[RayField]:
-        """The light along rays in each layer, as if it had no end."""
-        factor = 0.5 * (2 * np.arange(self._chi.shape[1]) + 1) * self._chi
-        rays = []
-        for layer, (top, modes, moments) in enumerate(zip(self.top_m, self._modes, self._moments, strict=True)):
-            scattered = self._faded[layer] - self.absorption[layer]
-            source = (factor * scattered[:, None])[..., None] * moments
-            beam = self.scattering[layer] * self._beam * self._beam_left(np.array(top))
-            of_beam = OfBeam(self._phase.parts, self._phase.shares * beam, self._sun_mu)
-            rays.append(
-                RayField(
-                    self._faded[layer], modes.rate, modes.origin_m, {0: source}, self._sky, self._shape, self._index,
-                    np.inf, np.zeros(len(beam)), of_beam if np.any(beam > 0.0) else None,
-                )
-            )  # fmt: skip
-        return rays
 
     def _layer_of(self, y: Array) -> NDArray[np.intp]:
         return np.asarray(np.searchsorted(self.top_m, y, side="right") - 1)
@@ -600,7 +546,7 @@ class LayeredField:
 
     def _beam_left(self, y: Array) -> Array:
         """Return the fraction (..., n) of the beam at the surface that reaches depths (...)."""
-        return np.exp(-self._depth_integral(self._faded, y) / self._sun_mu)
+        return np.exp(-self._depth_integral(self._faded, y) / self._layers[0].sun_mu)
 
 
 _LEVEL = 1e-9

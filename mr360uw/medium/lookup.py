@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +17,7 @@ from mr360uw.base.constants import BRIGHTEST_LOG, GAMUT_POWER, GAMUT_THRESHOLD
 from mr360uw.base.disk_cache import kept_arrays
 from mr360uw.base.parameters import vectors
 from mr360uw.base.texels import between_four
-from mr360uw.medium.models import FieldModel, SpectralModel, UndirectedModel
+from mr360uw.medium.models import FieldModel, FormationModel, SpectralModel
 from mr360uw.medium.wavelengths import Bands
 from mr360uw.types import Array, Floats, MediumTable
 
@@ -125,8 +124,6 @@ def unscattered_share(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> 
 # above a threshold towards 1, by the curve of the reference gamut compression of ACES 1.3 (AMPAS 2021) with its limit
 # at infinity; then the luminance is restored. Colours well inside are unchanged; k times a colour gives k times the
 # result.
-#
-# `FormationModel` has one constant per channel instead of a spectrum.
 
 UnitVeil = Callable[[Array, Array], Array]
 
@@ -243,8 +240,12 @@ def diffuse_table(light: Array, here: Array, depth_m: Array, camera_m: float) ->
 
 
 def _along_beam(light: BandModel, extinction: Array, length_m: float) -> Array:
-    path = np.maximum(lengths(DEPTH_SIZE, length_m), STEP * length_m)
-    return -light.beam_log(path, extinction) / path[:, None]
+    """Return the attenuation (DEPTH_SIZE, 3) [1/m] of a beam over paths from the surface.
+
+    extinction: (n,) [1/m] of the beam: the model's `extinction`, or `attenuation` for its unscattered part.
+    """
+    path = np.maximum(lengths(DEPTH_SIZE, length_m), STEP * length_m)[:, None]
+    return -light.bands.log_light(-extinction * path) / path
 
 
 def compress_gamut(rgb: ArrayLike) -> Array:
@@ -298,13 +299,6 @@ class BandModel:
         """Return the logarithm (..., 3) of the downwelling irradiance at depths."""
         return self.bands.log_light(self._log_irradiance(depth_m))
 
-    def beam_log(self, path_m: Array, extinction: Array) -> Array:
-        """Return the logarithm (..., 3) of the fraction of a beam that is left after a path from the surface.
-
-        extinction: (n,) [1/m] of the beam: the model's `extinction`, or `attenuation` for its unscattered part.
-        """
-        return self.bands.log_light(-extinction * np.asarray(path_m, np.float64)[..., None])
-
     def _log_irradiance(self, depth_m: Array) -> Array:
         return np.log(np.maximum(self.model.irradiance(depth_m, 1.0), _LEAST))
 
@@ -318,28 +312,6 @@ class BandModel:
 
 _WHOLE = 1.0 - 1e-4
 """Most part of the far veil that a level ray of one fading length has in the formation model."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FormationModel(UndirectedModel):
-    """The image formation model I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant per channel.
-
-    extinction: beta_D, backscatter: beta_B [1/m], veil: B, all (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak &
-    Treibitz 2018 eq. 20 keep them apart.
-    """
-
-    backscatter: Array
-    veil: Array
-
-    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return B (1 - exp(-beta_B z)), the same in every direction and at every depth."""
-        s = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))[0][..., None]
-        return -self.veil * np.expm1(-self.backscatter * s)
-
-    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return B."""
-        shape = np.broadcast_shapes(np.shape(depth_m), np.shape(up))
-        return np.broadcast_to(self.veil, (*shape, 3))
 
 
 def fitted_formation(solved: BandModel, camera_depth_m: float, *, one_attenuation: bool) -> FormationModel:

@@ -21,8 +21,8 @@ from mr360uw.base.parameters import checked, common_shape, exactly, instance, nu
 from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import CONTRAST_LENGTHS, check_ray, ray_in_water, visibility_m
-from mr360uw.medium.lookup import BandModel, FormationModel, fitted_formation, lengths, medium_table
-from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
+from mr360uw.medium.lookup import BandModel, fitted_formation, lengths, medium_table
+from mr360uw.medium.models import CLOSED_FORMS, FormationModel, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, Sensor, checked_sensor
 from mr360uw.medium.water import Water

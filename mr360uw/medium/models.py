@@ -2,14 +2,14 @@
 """Spectral models of light in water: attenuation, in-scatter, radiance and irradiance at n wavelengths.
 
 KdModel: one exponential, the published closed form. FieldModel: the solved light field. Both return (..., n), per unit
-downwelling irradiance just below the surface.
+downwelling irradiance just below the surface. FormationModel has one constant per channel instead of a spectrum.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,33 +24,6 @@ from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
 from mr360uw.medium.water import Water
 from mr360uw.types import Array
-
-
-class SpectralModel(Protocol):
-    """Radiance and irradiance in water at n wavelengths. A model is a key of caches by its identity."""
-
-    def __hash__(self) -> int: ...
-
-    @property
-    def extinction(self) -> Array:
-        """Attenuation (n,) [1/m] of the light that forms the image of an object, and of the sun's beam."""
-
-    @property
-    def attenuation(self) -> Array:
-        """Attenuation (n,) [1/m] of light that has not been scattered at all, c = a + b, at least `extinction`."""
-
-    @property
-    def level_beam(self) -> Array | float:
-        """Irradiance (n,) of a level plane below the surface that is a beam of the sun, if the light has one."""
-
-    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the radiance (..., n) added to rays; not cut at the surface, so that tables can reach past it."""
-
-    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the radiance (..., n) that arrives from a direction along an unobstructed ray."""
-
-    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
-        """Return the irradiance (..., n) of a surface whose normal has the y component `normal_up`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,22 +55,43 @@ class UndirectedModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KdModel(UndirectedModel):
-    """Isotropic scattering b (n,) of an irradiance that falls off as exp(-Kd y).
+    """Isotropic scattering of an irradiance that falls off as exp(-Kd y).
 
-    factor: 1 as published (Monzon et al. 2022); Gershun's for `kd+`, see `gershun_factor`.
+    scattered: (n,) [1/m] b as published (Monzon et al. 2022); for `kd+` times Gershun's factor, see `gershun_factor`.
     """
 
-    b: Array
-    factor: Array
+    scattered: Array
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the closed form (..., n)."""
+        """Return the closed form (..., n); not cut at the surface, so that tables can reach past it."""
         s, y, mu = (np.asarray(x, np.float64)[..., None] for x in (distance_m, depth_m, up))
-        return self.factor * self.b * INV_4PI * path_integral(self.extinction, self.diffuse, s, y, mu)
+        return self.scattered * INV_4PI * path_integral(self.extinction, self.diffuse, s, y, mu)
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the in-scattered light of the whole ray: the model has no sky."""
         return self.inscatter(ray_in_water(np.inf, depth_m, up), depth_m, up)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormationModel(UndirectedModel):
+    """The image formation model I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant per channel.
+
+    extinction: beta_D, backscatter: beta_B [1/m], veil: B, all (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak &
+    Treibitz 2018 eq. 20 keep them apart.
+    """
+
+    backscatter: Array
+    veil: Array
+
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return B (1 - exp(-beta_B z)), the same in every direction and at every depth."""
+        s = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))[0][..., None]
+        return -self.veil * np.expm1(-self.backscatter * s)
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return B."""
+        shape = np.broadcast_shapes(np.shape(depth_m), np.shape(up))
+        return np.broadcast_to(self.veil, (*shape, 3))
 
 
 def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: ArrayLike) -> Array:
@@ -209,6 +203,10 @@ class FieldModel:
         return result
 
 
+SpectralModel = KdModel | FormationModel | FieldModel
+"""Radiance and irradiance in water at n wavelengths. A model is a key of caches by its identity."""
+
+
 def window_share(up: Array, refractive_index: float) -> Array:
     """Return 1 for directions of a y inside Snell's window, 0 outside, blended below its edge; 0 without a window."""
     edge = critical_cosine(refractive_index)
@@ -248,7 +246,7 @@ def spectral_model(
         return _field_model(water, tuple(w.tolist()), surface, sky, refractive_index, floor)
     a, b, kd = water.absorption(w), water.scattering(w), water.diffuse_attenuation(w)
     factor = gershun_factor(a, b, kd, water.moments(w, 2)[:, 1]) if mode == "kd+" else np.ones(len(w))
-    return KdModel(a + b, kd, b, factor)
+    return KdModel(a + b, kd, factor * b)
 
 
 @shared(keep=48)

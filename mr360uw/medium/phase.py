@@ -11,6 +11,7 @@ Mobley et al. 1993; Zhang et al. 2009 for molecules.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -489,36 +490,23 @@ def backscatter_ratio(phase: Phase) -> float:
     x, w = gauss_legendre(64)
     cosine = 0.5 * (x - 1.0)
     backward = PI * np.sum(w * phase_function(phase, np.arccos(cosine)))
-    if isinstance(phase, tuple) and phase[0] == "fournier-forand":
-        theta, weight = _angle_quadrature()
-        return float(backward / (2.0 * PI * np.sum(weight * phase_function(phase, theta))))
-    return float(backward)
+    formula = isinstance(phase, tuple) and phase[0] == "fournier-forand"
+    return float(backward / _integral(phase) if formula else backward)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PhaseSeries:
-    """Phase functions of n wavelengths by their Legendre moments (n, l + 1); light of the last is unscattered."""
-
-    moments: Array
-
-    @property
-    def shares(self) -> Array:
-        """Coefficients (l, n) of `parts`."""
-        degree = np.arange(self.moments.shape[1] - 1)[:, None]
-        return np.asarray((2 * degree + 1) * INV_4PI * (self.moments[:, :-1] - self.moments[:, -1:]).T)
-
-    def parts(self, cosine: Array) -> Array:
-        """Return the Legendre polynomials (..., l)."""
-        return legendre_polynomials(cosine, self.moments.shape[1] - 1)
+Scatterers = tuple[Callable[[Array], Array], Array]
+"""Function of the cosine (...,) of the scattering angle that gives the phase functions (..., k) of k kinds of
+scatterers, and the fractions (k, n) of the scattering at n wavelengths that are theirs."""
 
 
 def without_peak(
     phase: Phase | list[Phase] | Mixture | Array, count: int, orders: int
-) -> tuple[Mixture | PhaseSeries, Array, Array]:
+) -> tuple[Scatterers, Array, Array]:
     """Return phase functions at so many wavelengths n for a transfer equation of some orders (Wiscombe 1977, delta-M).
 
     phase: one for all wavelengths, a list of one for each, a mixture, or Legendre moments (n, l) or (l,). Result: the
-    functions themselves, the fraction (n,) of their forward peak, and the Legendre moments (n, orders) of the rest.
+    functions themselves, of moments their series without the last, whose light is unscattered; the fraction (n,) of
+    their forward peak; and the Legendre moments (n, orders) of the rest.
     """
     # Several functions or moments: one for each wavelength
     if isinstance(phase, list):
@@ -534,16 +522,19 @@ def without_peak(
             raise ParameterError(
                 f"phase - needs {orders + 1} Legendre moments from 1 on (got {phase.shape}) - give more"
             )
-        found: Mixture | PhaseSeries = PhaseSeries(np.array(moments, np.float64))
+        moments = np.array(moments, np.float64)
+        shares = (2 * np.arange(length - 1)[:, None] + 1) * INV_4PI * (moments[:, :-1] - moments[:, -1:]).T
+        scatterers: Scatterers = functools.partial(legendre_polynomials, count=length - 1), shares
     else:
         # One function for all
         if not isinstance(phase, Mixture):
             check_phase(phase)
             phase = Mixture(phase, np.zeros(count))
-        found, moments = phase, np.broadcast_to(phase.moments(orders + 1), (count, orders + 1))
+        scatterers = phase.parts, phase.shares
+        moments = np.broadcast_to(phase.moments(orders + 1), (count, orders + 1))
     # Take away what the last moment says is peak, and renormalise
     peak = moments[:, orders]
-    return found, peak, (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
+    return scatterers, peak, (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
 
 
 def legendre_polynomials(x: Array, count: int, order: int = 0) -> Array:

@@ -26,7 +26,7 @@ from mr360uw.base.sphere import gauss_legendre
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact, fast
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.phase import legendre_polynomials
+from mr360uw.medium.phase import Scatterers, legendre_polynomials
 from mr360uw.types import Array
 
 SurfaceKind = Literal["snell", "none"]
@@ -105,43 +105,29 @@ def sky_parts(sky: Sky) -> tuple[float, float]:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OfBeam:
-    """Light that a beam of the sun scatters directly into rays, with its exact angle.
+def scattered_beam(scatterers: Scatterers, sun_mu: float, mu: Array, azimuth_rad: float | None) -> Array:
+    """Return the light [1/(m sr)] (..., n) that a beam of the sun scatters directly into rays, with its exact angle.
 
-    kinds: function of the cosine of the angle to the sun (...,) that gives the phase functions (..., k) of k kinds of
-    scatterers. amount: (k, n) [1/m] what each scatters of the beam. sun_mu: y of the direction to the sun.
+    scatterers: with what each kind scatters of the beam [1/m]. sun_mu, mu: y of the directions to the sun and of the
+    rays, at an azimuth from the sun's; None: the mean over it. By less than `_LEAST_TURN_RAD` nothing turns.
     """
+    kinds, amount = scatterers
+    across = np.sqrt(np.maximum(1.0 - mu * mu, 0.0) * max(1.0 - sun_mu**2, 0.0))
 
-    kinds: Callable[[Array], Array]
-    amount: Array
-    sun_mu: float
+    def turned(azimuth: ArrayLike) -> Array:
+        cosine = np.multiply.outer(across, np.cos(azimuth)) + (mu * sun_mu).reshape(*mu.shape, *[1] * np.ndim(azimuth))
+        return kinds(np.clip(cosine, -1.0, np.cos(_LEAST_TURN_RAD)))
 
-    def into(self, mu: Array, azimuth_rad: float | None) -> Array:
-        """Return the light [1/(m sr)] (..., n) into directions mu at an azimuth from the sun's; None: the mean over it.
-
-        By less than `_LEAST_TURN_RAD` nothing turns.
-        """
-        across = np.sqrt(np.maximum(1.0 - mu * mu, 0.0) * max(1.0 - self.sun_mu**2, 0.0))
-
-        def turned(azimuth: ArrayLike) -> Array:
-            cosine = np.multiply.outer(across, np.cos(azimuth)) + (mu * self.sun_mu).reshape(
-                *mu.shape, *[1] * np.ndim(azimuth)
-            )
-            return self.kinds(np.clip(cosine, -1.0, np.cos(_LEAST_TURN_RAD)))
-
-        if azimuth_rad is not None:
-            return np.asarray(turned(azimuth_rad) @ self.amount)
-        x, weight = gauss_legendre(_AZIMUTHS)
-        x, weight = 0.5 * (x + 1.0), 0.5 * weight
-        # nodes are dense about the sun
-        return np.asarray(np.einsum("a,...ak->...k", 2.0 * x * weight, turned(PI * x**2)) @ self.amount)
+    if azimuth_rad is not None:
+        return np.asarray(turned(azimuth_rad) @ amount)
+    x, weight = gauss_legendre(_AZIMUTHS)
+    x, weight = 0.5 * (x + 1.0), 0.5 * weight
+    # nodes are dense about the sun
+    return np.asarray(np.einsum("a,...ak->...k", 2.0 * x * weight, turned(PI * x**2)) @ amount)
 
 
 _LEAST_TURN_RAD = 0.01
 """Least angle that light of the sun's beam turns by: what turns by less counts as turning by so much."""
-
-
 _AZIMUTHS = 128
 """Directions about the sun that a mean is taken over."""
 
@@ -155,7 +141,8 @@ class RayField:
     another, the coefficients (n, l, j of it) of the associated Legendre functions of mu. sky: (n,) radiance of the sky
     as it would be just below the surface without reflection, over its shape. index: refractive index of the water.
     floor_m, floor: depth and radiance (n,) of a Lambert floor; infinity: none.
-    of_beam: the light that the sun's beam, the last mode of all, scatters directly into a ray; None: no beam.
+    of_beam: function of mu and azimuth_rad, the light that the sun's beam, the last mode of all, scatters directly into
+    rays (`scattered_beam`); None: no beam.
     azimuth_rad: of the rays, from the sun's; None: the mean over it.
     """
 
@@ -168,7 +155,7 @@ class RayField:
     index: float
     floor_m: float
     floor: Array
-    of_beam: OfBeam | None = None
+    of_beam: Callable[[Array, float | None], Array] | None = None
     azimuth_rad: float | None = None
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
@@ -200,8 +187,7 @@ class RayField:
         mu, y, distance = np.ascontiguousarray(rays)
         directions, which = np.unique(mu, return_inverse=True)
         source = self._source_modes(directions)
-        result = np.empty((len(distance), len(self.extinction)))
-        sum_modes(source, self.rate, self.origin_m, self.extinction, directions, which, y, distance, result)
+        result = sum_modes(source, self.rate, self.origin_m, self.extinction, directions, which, y, distance)
         return result[place.ravel()].reshape(*s.shape, len(self.extinction))
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
@@ -244,7 +230,7 @@ class RayField:
             for order, source in self.source.items()
         ]
         if self.of_beam is not None:
-            modes[-1][..., -1] += self.of_beam.into(mu, self.azimuth_rad)
+            modes[-1][..., -1] += self.of_beam(mu, self.azimuth_rad)
         return np.concatenate(modes, axis=-1)
 
 
@@ -387,7 +373,7 @@ class Ordinates:
         self._mu, self._weight, self._extinction, self._moments = mu, weight, extinction, moments
         self._scale = np.sqrt(weight / mu)
         self._spread = 0.5 / np.sqrt(mu * weight)
-        self._order = order
+        self.order = order
         self.legendre = legendre_polynomials(mu, moments.shape[1], order)
         self.parity = (-1.0) ** (np.arange(moments.shape[1]) + order)
         self._p, self._q = self._coupling(self.parity < 0), self._coupling(self.parity > 0)
@@ -412,8 +398,9 @@ class Ordinates:
         down, up = (np.einsum("il,nij->nlj", of_degree, light) for light in (modes.down, modes.up))
         return np.asarray(down + self.parity[:, None] * up)
 
+    @functools.cached_property
     def free(self) -> Modes:
-        """Return the modes of water without sources, as many as nodes, that fade downwards."""
+        """The modes of water without sources, as many as nodes, that fade downwards."""
         lower = np.linalg.cholesky(self._q)
         squared, z = np.linalg.eigh(np.swapaxes(lower, 1, 2) @ self._p @ lower)
         rate = np.sqrt(np.maximum(squared, 0.0))
@@ -424,8 +411,8 @@ class Ordinates:
 
     def driven(self, sun_mu: float, beam: Array) -> Modes:
         """Return the one mode that a beam drives. beam: (n,) its irradiance, across it, just below the surface."""
-        at_sun = legendre_polynomials(np.array(sun_mu), self._moments.shape[1], self._order)
-        across = (beam / (PI if self._order else 2.0 * PI))[:, None, None]  # cosines have half the square of 1
+        at_sun = legendre_polynomials(np.array(sun_mu), self._moments.shape[1], self.order)
+        across = (beam / (PI if self.order else 2.0 * PI))[:, None, None]  # cosines have half the square of 1
         source = across * self._scale[:, None] * self.legendre * (self._moments * at_sun)[:, None]
         even, odd = (source[..., kept].sum(-1) for kept in (self.parity > 0, self.parity < 0))
         rate = self._extinction / sun_mu * (1.0 + 1e-9)  # beside a rate of the water's own
@@ -481,16 +468,16 @@ def _exp(x: float) -> float:
 
 @fast
 def sum_modes(
-    source: Any, rate: Any, origin_m: Any, extinction: Any, mu: Any, which: Any, depth_m: Any, distance_m: Any,
-    result: Any,
-) -> None:  # fmt: skip
-    """Set `result` (r, n) to the sum over the modes of `source` (d, n, j) times `closed_form.path_integral`.
+    source: Any, rate: Any, origin_m: Any, extinction: Any, mu: Any, which: Any, depth_m: Any, distance_m: Any
+) -> Any:
+    """Return the sum (r, n) over the modes of `source` (d, n, j) times `closed_form.path_integral`.
 
     rate: (n, j), origin_m: (j,), extinction: (n,), mu: (d,). which: (r,) direction of each ray. depth_m, distance_m:
     (r,) of its start, and from there to its end. Depth and distance are in one exponential: by themselves, one may
     underflow where the other overflows. Rays of one depth that follow one another are the fastest.
     """
     begun, power = np.empty(rate.shape), np.empty(rate.shape)
+    result = np.empty((len(distance_m), len(extinction)))
     for r in range(len(distance_m)):
         s, d = distance_m[r], which[r]
         if r == 0 or depth_m[r] != depth_m[r - 1]:
@@ -506,3 +493,4 @@ def sum_modes(
                 change = (begun[n, j] - _exp(power[n, j] - lost)) / (1.0 if small else lost)
                 total += source[d, n, j] * (begun[n, j] * _mean(lost) if small else change)
             result[r, n] = total * s
+    return result

@@ -118,9 +118,8 @@ def _solved(model: SpectralModel, sun_up: float | None, depths: bytes) -> Array:
 # uniform sky: under a uniform sky alone E would be a fifth too low. How strong the sun is beside the sky matters less:
 # a beam of 0.6 instead of 0.75 makes 5 %.
 
-"""Interval of the sine of the sun's elevation in the water at which fields are solved: 0.3 % of E."""
 _COARSE = 0.05
-"""The same for what is typical of the azimuths: 0.5 % of E."""
+"""`_STEP` for what is typical of the azimuths: 0.5 % of E."""
 _LEVEL = np.zeros(1)
 _BELOW, _ABOUT = -0.3, 0.12
 """Sine of the elevation about which the floor is looked at, and over which directions count less."""

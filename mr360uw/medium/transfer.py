@@ -35,11 +35,10 @@ from mr360uw.base.parameters import checked, common_shape, numbers
 from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.phase import Mixture, Phase, PhaseSeries, legendre_polynomials, without_peak
+from mr360uw.medium.phase import Mixture, Phase, Scatterers, legendre_polynomials, without_peak
 from mr360uw.medium.ray_field import (
     LambertFloor,
     Modes,
-    OfBeam,
     Ordinates,
     RayField,
     Sky,
@@ -50,6 +49,7 @@ from mr360uw.medium.ray_field import (
     floor_at,
     index_below,
     nodes,
+    scattered_beam,
     sky_parts,
 )
 from mr360uw.types import Array
@@ -157,59 +157,71 @@ class LightField:
             )
         # Set up surface, phase functions without their peak, floor and quadrature; then solve
         self.refractive_index = index_below(surface, refractive_index)
-        self._phase, self._peak, self._chi = without_peak(phase, len(self.absorption), 2 * streams)
+        self._scatterers, self._peak, self._chi = without_peak(phase, len(self.absorption), 2 * streams)
         self._floor_m, self._albedo = floor_at(floor, len(self.absorption))
-        self._mu, self._weight = nodes(streams, critical_cosine(self.refractive_index))
+        self.mu, self.weight = nodes(streams, critical_cosine(self.refractive_index))
         if sky == "floor" and floor is None:
             raise ParameterError("floor - is the only light of sky 'floor' (got none) - give one")
         self._shining = float(sky == "floor")
-        self._shape = sky if isinstance(sky, SkyShape) else SkyShape()
+        self.shape = sky if isinstance(sky, SkyShape) else SkyShape()
         self._solve(*sky_parts(sky))
 
     def _solve(self, sun_mu: float, sun_share: float) -> None:
-        mu, w, index = self._mu, self._weight, self.refractive_index
-        entering = (1.0 - fresnel_from_below(mu, index)) * self._shape.seen_through(mu, index)
+        mu, w, index = self.mu, self.weight, self.refractive_index
+        entering = (1.0 - fresnel_from_below(mu, index)) * self.shape.seen_through(mu, index)
         passed = 2.0 * PI * np.sum(w * mu * entering)
         of_sky, beam = 1.0 - sun_share - self._shining, np.full(len(self.absorption), sun_share / sun_mu)
-        self._sun_mu = sun_mu
+        self.sun_mu = sun_mu
         self._azimuth_rad: float | None = None
         self._only: int | Literal["beam"] | None = None
         self._most_orders = self._chi.shape[1] - 1
-        self._even = self._component(0, beam, of_sky * entering / passed)
+        self.ordinates = self._ordinates(0)
+        modes = self._modes(self.ordinates, beam, of_sky * entering / passed)
         incident = np.ones(len(beam))
         if not self._shining:
-            incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, self._even.modes.at(0.0)[0]) + sun_share
-        self._even = self._even.over(incident)
-        self._beam = beam / incident
-        self._sky = of_sky / passed / incident
+            incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes.at(0.0)[0]) + sun_share
+        self.take(modes, beam, of_sky / passed, incident)
 
-    def _component(self, order: int, beam: Array, from_above: Array) -> _Component:
-        """Return the light that varies as cos(order azimuth).
+    def take(self, modes: Modes, beam: Array, sky: Array | float, incident: Array, top_m: float = 0.0) -> None:
+        """Make modes, the irradiance (n,) across the sun's beam at a depth, and the radiance (n,) of the sky as
+        `RayField` has it, the light that is the same at all azimuths, all over an irradiance (n,).
+        """
+        self._even = _Component(modes, self.ordinates.moments(modes)).over(incident)
+        self.beam, self.sky_radiance, self._top_m = beam / incident, sky / incident, top_m
+
+    def _ordinates(self, order: int) -> Ordinates:
+        """Return the coupling of light that varies as cos(order azimuth)."""
+        scattering = (2 * np.arange(self._chi.shape[1]) + 1) * self._chi * (self.faded - self.absorption)[:, None]
+        with one_blas_thread():
+            return Ordinates(self.mu, self.weight, self.faded, scattering, order)
+
+    def _modes(self, water: Ordinates, beam: Array, from_above: Array) -> Modes:
+        """Return the modes of light between surface and floor.
 
         beam: (n,) irradiance across the sun's beam just below the surface. from_above: (i,) radiance that enters.
         """
-        mu, w = self._mu, self._weight
-        scattering = (2 * np.arange(self._chi.shape[1]) + 1) * self._chi * (self._faded - self.absorption)[:, None]
         # A floor lights all azimuths alike
-        level = float(order == 0)
+        level = float(water.order == 0)
         albedo, shining = level * self._albedo, level * self._shining
         with one_blas_thread():
-            water = Ordinates(mu, w, self._faded, scattering, order)
-            free, of_sun = water.free(), water.driven(self._sun_mu, beam)
+            free, of_sun = water.free, water.driven(self.sun_mu, beam)
             both = free if np.isinf(self._floor_m) else free.beside(free.mirrored(self._floor_m))
-            lit = shining + albedo / PI * (beam * self._sun_mu) * np.exp(-of_sun.rate[:, 0] * self._floor_m)
-            reflectance, sent = fresnel_from_below(mu, self.refractive_index), 2.0 * albedo[:, None] * w * mu
+            lit = shining + albedo / PI * (beam * self.sun_mu) * np.exp(-of_sun.rate[:, 0] * self._floor_m)
+            reflectance = fresnel_from_below(self.mu, self.refractive_index)
+            sent = 2.0 * albedo[:, None] * self.weight * self.mu
             (modes,) = bounded([both], [of_sun], [self._floor_m], reflectance, from_above, sent, lit)
-        return _Component(modes, water.moments(modes))
+        return modes
 
     @functools.cached_property
     def _around(self) -> dict[int, _Component]:
         """The light of every order of cos(m azimuth) that counts, that of order 0, which has the beam's mode, last."""
         around: dict[int, _Component] = {}
-        if np.any(self._beam > 0.0):
-            mean, dark, seen = self._scattered(0, self._even), np.zeros(len(self._mu)), 0
+        if np.any(self.beam > 0.0):
+            mean, dark, seen = self._scattered(0, self._even), np.zeros(len(self.mu)), 0
             for order in range(1, self._most_orders + 1):
-                around[order] = self._component(order, self._beam, dark)
+                water = self._ordinates(order)
+                modes = self._modes(water, self.beam, dark)
+                around[order] = _Component(modes, water.moments(modes))
                 if np.any(self._scattered(order, around[order]) > _NEGLIGIBLE * mean):
                     seen = order
                 elif order > seen + 1:  # two in a row: the first of molecules hardly has any light, the second has
@@ -221,10 +233,10 @@ class LightField:
 
         Into Snell's window little is: there `models.FieldModel` leaves out the light of small angles.
         """
-        mu = self._mu[self._mu <= (critical_cosine(self.refractive_index) or 1.0)]
+        mu = self.mu[self.mu <= (critical_cosine(self.refractive_index) or 1.0)]
         degree = np.arange(self._chi.shape[1])
         legendre = legendre_polynomials(np.append(mu, -mu), len(degree), order)
-        depth = np.minimum(self._sun_mu / self._faded, self._floor_m)[:, None]
+        depth = np.minimum(self.sun_mu / self.faded, self._floor_m)[:, None]
         moments = np.einsum("nlj,nj->nl", light.moments, np.exp(-light.modes.rate * (depth - light.modes.origin_m)))
         return np.abs((2 * degree + 1) * self._chi * moments @ legendre.T)
 
@@ -268,29 +280,30 @@ class LightField:
     @functools.cached_property
     def rays(self) -> RayField:
         """The light along rays, its forward peak unscattered."""
-        return self._rays(self._chi * (1.0 - self._peak[:, None]), self._phase)
+        return self._rays(self._chi * (1.0 - self._peak[:, None]), self._scatterers)
 
     @checked
     def scattered_by(self, part: Mixture) -> RayField:
         """Return the light along rays that a part of the scattering brings into them; the rest is taken as none."""
-        return self._rays(part.moments(self._chi.shape[1]), part)
+        return self._rays(part.moments(self._chi.shape[1]), (part.parts, part.shares))
 
-    def _rays(self, moments: Array, phase: Mixture | PhaseSeries) -> RayField:
-        """Return the light along rays that moments (n, l) scatter into them, and a phase function that of the beam."""
+    def _rays(self, moments: Array, scatterers: Scatterers) -> RayField:
+        """Return the light along rays that moments (n, l) scatter into them, and scatterers that of the beam."""
         factor = 0.5 * (2 * np.arange(moments.shape[1]) + 1) * moments * self.scattering[:, None]
-        of_beam = OfBeam(phase.parts, phase.shares * self.scattering * self._beam, self._sun_mu)
+        kinds, shares = scatterers
+        of_beam = functools.partial(scattered_beam, (kinds, shares * self.scattering * self.beam), self.sun_mu)
         shown = self._shown
         return RayField(
             extinction=self.absorption + self.scattering * moments[:, 0],
             rate=np.concatenate([light.modes.rate for light in shown.values()], axis=1),
             origin_m=np.concatenate([light.modes.origin_m for light in shown.values()]),
             source={order: factor[..., None] * light.moments for order, light in shown.items()},
-            sky=self._sky if self._only in (None, 0) else 0.0 * self._sky,
-            shape=self._shape,
+            sky=self.sky_radiance if self._only in (None, 0) else 0.0 * self.sky_radiance,
+            shape=self.shape,
             index=self.refractive_index,
             floor_m=self._floor_m,
             floor=self._floor_radiance,
-            of_beam=of_beam if np.any(self._beam > 0.0) and self._only in (None, "beam") else None,
+            of_beam=of_beam if np.any(self.beam > 0.0) and self._only in (None, "beam") else None,
             azimuth_rad=self._azimuth_rad,
         )
 
@@ -430,8 +443,8 @@ class LightField:
             np.minimum(np.asarray(depth_m, np.float64), self._floor_m), np.asarray(normal_up, np.float64)
         )
         normals, place = np.unique(normal, return_inverse=True)  # tables ask for few normals at many depths
-        down = cosine_kernel(self._mu, normals[:, None]) * self._weight
-        up = cosine_kernel(-self._mu, normals[:, None]) * self._weight
+        down = cosine_kernel(self.mu, normals[:, None]) * self.weight
+        up = cosine_kernel(-self.mu, normals[:, None]) * self.weight
         modes = np.einsum("pi,nij->pnj", down, self._even.modes.down)
         modes += np.einsum("pi,nij->pnj", up, self._even.modes.up)
         depths, at = np.unique(y, return_inverse=True)
@@ -441,13 +454,13 @@ class LightField:
             of = np.flatnonzero(place == number)
             diffuse[of] = np.einsum("nj,ynj->yn", modes[number], fall[at[of]])
         diffuse = diffuse.reshape(*y.shape, len(self.absorption))
-        direct = cosine_kernel(np.array(self._sun_mu), normal)[..., None] / (2.0 * PI)
-        return diffuse + self._beam * direct * np.exp(-self._faded / self._sun_mu * y[..., None])
+        direct = cosine_kernel(np.array(self.sun_mu), normal)[..., None] / (2.0 * PI)
+        return diffuse + self.beam * direct * np.exp(-self.faded / self.sun_mu * (y - self._top_m)[..., None])
 
     @property
     def level_beam(self) -> Array:
         """Irradiance (n,) of a level plane just below the surface that is the sun's beam."""
-        return np.asarray(self._beam * self._sun_mu)
+        return np.asarray(self.beam * self.sun_mu)
 
     def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
         """Return the irradiance of a small sphere, E_0, sun included.
@@ -482,11 +495,18 @@ class LightField:
                [0.353]])
         """
         y = np.minimum(numbers("depth_m", depth_m).astype(np.float64, copy=False), self._floor_m)
-        direct = self._beam * np.exp(-self._faded / self._sun_mu * y[..., None])
+        direct = self.beam * np.exp(-self.faded / self.sun_mu * (y - self._top_m)[..., None])
         return 2.0 * PI * np.sum(self._even.moments[:, 0] * self._fall(y), axis=-1) + direct
 
+    def slope(self) -> LightField:
+        """Return the change of the irradiances with depth [1/m], as light."""
+        other, even = copy.copy(self), self._even
+        other._even = _Component(even.modes.times(-even.modes.rate), even.moments * -even.modes.rate[:, None])
+        other.beam = self.beam * -self.faded / self.sun_mu
+        return other
+
     @property
-    def _faded(self) -> Array:
+    def faded(self) -> Array:
         """Attenuation (n,) [1/m] of the beam and of rays, without the forward peak."""
         return np.asarray(self.absorption + self.scattering * (1.0 - self._peak))
 

@@ -220,8 +220,9 @@ def search(n: int, sensor: Sensor, illuminant_name: str, range_nm: tuple[float, 
         for channel in range(3):
             g = gram[channel][np.ix_(index, index)]
             lower = np.linalg.cholesky(g + 1e-10 * np.trace(g) * np.eye(n))
-            w, residual = nnls(lower.T, np.linalg.solve(lower, right[channel][index]))
-            inside = float(np.sum(np.linalg.solve(lower, right[channel][index]) ** 2))
+            projected = np.linalg.solve(lower, right[channel][index])
+            w, residual = nnls(lower.T, projected)
+            inside = float(np.sum(projected**2))
             cost += total[channel] - inside + residual**2
             columns.append(w)
         return cost, np.column_stack(columns)
@@ -275,11 +276,9 @@ def _training(
     design = _training_spectra(candidate)
     target = _training_spectra(fine) @ curves
     # an error in a curve matters as much as it moves the colour, relative to the colour's size
-    size = np.linalg.norm(
-        target @ (sensor.matrix / (sensor.matrix @ _white(sensor, illuminant_name, range_nm))[:, None]).T, axis=1
-    )
-    reach = np.linalg.norm(sensor.matrix / (sensor.matrix @ _white(sensor, illuminant_name, range_nm))[:, None], axis=0)
-    scale = reach / size[:, None]
+    balanced = sensor.matrix / (sensor.matrix @ _white(sensor, illuminant_name, range_nm))[:, None]
+    reach = np.linalg.norm(balanced, axis=0)
+    scale = reach / np.linalg.norm(target @ balanced.T, axis=1)[:, None]
     # white itself, held tight
     design = np.vstack([design, np.ones(len(candidate))])
     target = np.vstack([target, curves.sum(axis=0)])

@@ -70,10 +70,10 @@ def test_a_compiled_sum_of_path_integrals_is_the_sum(rng: np.random.Generator) -
     extinction, mu, which = np.array([0.5]), np.array([-0.4, 0.0, 1.0]), rng.integers(0, 3, 60)
     depth = rng.uniform(1.0, 8.0, 60)
     way = np.minimum(ray_in_water(rng.uniform(0.0, 90.0, 60), depth, mu[which]), (9.0 - depth) / 0.4)
-    source, found = rng.uniform(0.1, 1.0, (3, 1, 6)), np.empty((60, 1))
+    source = rng.uniform(0.1, 1.0, (3, 1, 6))
     for modes in (np.array([0]), np.arange(5), np.arange(6)):  # one by one, and four at a time
         chosen = source[..., modes].copy(), rate[:, modes].copy(), origin[modes]
-        sum_modes(*chosen, extinction, mu, which, depth, way, found)
+        found = sum_modes(*chosen, extinction, mu, which, depth, way)
         start, s, up = (depth[:, None] - origin[modes]), way[:, None], mu[which][:, None]
         one_by_one = chosen[0][which, 0] * path_integral(extinction, chosen[1], s, start, up)
         np.testing.assert_allclose(found[:, 0], one_by_one.sum(axis=1), rtol=FLOAT64)
