@@ -22,7 +22,7 @@ from mr360uw import cli
 from mr360uw.base.cache import drop_shared
 from mr360uw.base.disk_cache import FOLDER, kernel_folder
 from mr360uw.gl import release_unused
-from mr360uw.sample import SampleDive
+from mr360uw.sample import DiveSettings, SampleDive, rendered_dive
 from tests.command import command_line
 from tests.glsl import gl_available
 
@@ -95,6 +95,22 @@ def _versions_read_once() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _floors_made_once() -> Iterator[None]:
+    """Floors of sample dives, a second each, are made once for the dives whose floors have the same parameters."""
+    made, of_floor = rendered_dive.sea_bed, {"seed", "sand_albedo", "sand_contrast", "rocks", "grass", "relief"}
+
+    @functools.lru_cache(maxsize=2)
+    def kept(parameters: tuple[tuple[str, float], ...]) -> tuple[np.ndarray, ...]:
+        return made(DiveSettings(**dict(parameters)))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            rendered_dive, "sea_bed", lambda settings: kept(tuple(settings.model_dump(include=of_floor).items()))
+        )
+        yield
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _nothing_shared_by_files() -> Iterator[None]:
     """What scenes of a file share is let go at its end, as a compositor does when it is closed; freed memory too.
@@ -160,7 +176,7 @@ def dive(made_once: MadeOnce) -> SampleDive:
 
     Its scene draws coarsely, in a quarter of the time.
     """
-    from mr360uw.sample import DiveSettings, sample_dive
+    from mr360uw.sample import sample_dive
 
     settings = DiveSettings(detail_slope=0.05)
     made = made_once("dive", lambda folder: sample_dive(folder, settings, width=256, frames=8))
@@ -173,6 +189,7 @@ def dive(made_once: MadeOnce) -> SampleDive:
         "grid": 32,
         "planes": 2,
         "bands": 8,
+        "rough": "true",
     }
     for key, value in coarse.items():
         text = re.sub(rf"^# {key} = [^ ]+", f"{key} = {value}", text, count=1, flags=re.MULTILINE)

@@ -25,16 +25,17 @@ def gradient_plate(width: int, height: int, sun: tuple[float, float, float] | No
     return np.clip(image, 0.0, 1.0).astype(np.float32)
 
 
-def scene_with(folder: Path, mesh: Path | None, **tables: Any) -> Scene:
+def scene_with(folder: Path, mesh: Path | None, *, rough: bool = False, **tables: Any) -> Scene:
     """Return a scene of a plate that is not read, with `mesh` in front of the camera unless None.
 
-    Its water has few wavelengths, unless a table says how many: it is solved in a fifth of the time.
+    Its water has few wavelengths, unless a table says how many: it is solved in a fifth of the time. rough: whether the
+    light about the sun is computed roughly, which halves the time of a frame's light.
     """
     plate = folder / "plate.png"
     if not plate.exists():
         plate.touch()
     data: dict[str, Any] = {"plate": str(plate)} | tables
-    data["water"] = {"bands": 8} | data.get("water", {})
+    data["water"] = {"bands": 8} | ({"rough": True} if rough else {}) | data.get("water", {})
     if mesh is not None and "object" not in data:
         data["object"] = [{"mesh": str(mesh), "position_m": [0.3, -0.4, -3.0], "rotation_deg": [-60.0, 5.0, 0.0]}]
     return scene_from_dict(data, folder)

@@ -27,6 +27,7 @@ def tables(mesh: Path, **changed: Any) -> dict[str, Any]:
         "object": [{"mesh": str(mesh), "position_m": [0.3, -0.4, -3.0]}, {"mesh": str(mesh), "scale": 0.3}],
         "receiver": {"height_m": -1.6},
         "draw": DRAW,
+        "caustics": {"size": 64, "grid": 32, "planes": 2},
     } | changed
 
 
@@ -43,16 +44,16 @@ def test_a_changed_scene_is_what_a_fresh_load_gives(tmp_path: Path, whale: Path,
         {"water": {"type": "II"}}, {"camera": {"depth_m": 3.0}}, {"receiver": {"height_m": -1.2}},
         {"lamp": [{"attach": "camera"}]},
     ):  # fmt: skip
-        scene = scene_with(tmp_path, None, **tables(whale, **changed))
+        scene = scene_with(tmp_path, None, rough=True, **tables(whale, **changed))
         with subtests.test(str(changed)):
             np.testing.assert_array_equal(picture(loader.load(scene)), picture(load(scene, *SIZE, clip=False)))
 
 
 def test_an_object_that_is_moved_keeps_its_mesh(tmp_path: Path, whale: Path) -> None:
     loader = Loader(*SIZE, clip=False)
-    first, second = loader.load(scene_with(tmp_path, None, **tables(whale))).objects
+    first, second = loader.load(scene_with(tmp_path, None, rough=True, **tables(whale))).objects
     moved = [{"mesh": str(whale), "position_m": [1.0, 0.0, -3.0]}, {"mesh": str(whale), "scale": 0.3}]
-    there, other = loader.load(scene_with(tmp_path, None, **tables(whale, object=moved))).objects
+    there, other = loader.load(scene_with(tmp_path, None, rough=True, **tables(whale, object=moved))).objects
     assert there.settings.position_m == (1.0, 0.0, -3.0)
     assert there.meshes[0] is first.meshes[0] is second.meshes[0]
     assert other is second
@@ -61,7 +62,7 @@ def test_an_object_that_is_moved_keeps_its_mesh(tmp_path: Path, whale: Path) -> 
 def test_a_file_that_changes_is_read_again(tmp_path: Path, whale: Path) -> None:
     mesh = tmp_path / "fish.glb"
     shutil.copy(whale, mesh)
-    loader, scene = Loader(*SIZE, clip=False), scene_with(tmp_path, None, **tables(mesh))
+    loader, scene = Loader(*SIZE, clip=False), scene_with(tmp_path, None, rough=True, **tables(mesh))
     before = loader.load(scene)
     assert loader.load(scene).objects[0] is before.objects[0]
     stamp = mesh.stat()

@@ -8,7 +8,7 @@ from tests.conftest import MadeOnce
 
 COARSE = {
     "draw": "samples = 1\nsun_samples = 1\nambient_occlusion = false\n",
-    "water": "bands = 8\n",
+    "water": "bands = 8\nrough = true\n",
     "receiver": "occlusion = false\n",
     "caustics": "size = 64\ngrid = 32\nplanes = 2\n",
     "[object]": "casts_shadow = false\n",
