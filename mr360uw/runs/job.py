@@ -213,6 +213,8 @@ def _backend_of_worker(name: str, kinds: int) -> Backend:
 
 _SCHEMES = ("tcp", "tls", "ws", "wss")
 """Kinds of connections to a scheduler."""
+_ANSWER_S = 10.0
+"""Seconds that a scheduler has to answer who connects to it."""
 _LOOK_S = 10.0
 """Seconds without a result after which a scheduler is asked for its workers."""
 _NO_WORKER_S = 60.0
@@ -266,7 +268,7 @@ def _client(address: str) -> Any:
             f"--dask - is no address of a scheduler (got {address!r}) - begin it with {', '.join(_SCHEMES)}://"
         )
     try:
-        return _distributed().Client(address, timeout=10)
+        return _distributed().Client(address, timeout=_ANSWER_S)
     except (OSError, ValueError) as error:
         raise ParameterError(
             f"--dask - no scheduler answers (got {address!r}: {error}) - start one: dask scheduler; dask worker ADDRESS"

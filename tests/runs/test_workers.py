@@ -155,8 +155,11 @@ def test_a_cluster_whose_workers_die_ends_the_run(
         assert worker is None or worker.wait(HANG_S) == -signal.SIGKILL
 
 
-def test_a_scheduler_that_does_not_answer_is_an_error(scene: Scene, tmp_path: Path) -> None:
+def test_a_scheduler_that_does_not_answer_is_an_error(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("distributed", reason="needs mr360uw[farm]")
+    monkeypatch.setattr(workers, "_ANSWER_S", 0.5)
     with pytest.raises(uw.ParameterError, match="scheduler"):
         uw.composite_video(scene, tmp_path / "out.mkv", cluster="tcp://127.0.0.1:9")
     assert list(tmp_path.iterdir()) == []
