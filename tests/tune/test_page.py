@@ -28,6 +28,8 @@ from tests.tune.browser import chromium, started
 
 TOKEN = "for-tests"
 WAIT_MS = 1000.0 * HANG_S
+POLL_MS = 30
+"""Between two looks at a page; by default Playwright looks at every frame, and has all of them drawn."""
 WIDTH, HEIGHT = 256, 128
 _NOTE_CLICKS = """() => document.querySelector('.uw-stage').addEventListener('pointerdown', event => {
   const box = document.querySelector('.uw-stage canvas').getBoundingClientRect();
@@ -44,6 +46,7 @@ class Tab:
         self.page.set_default_timeout(WAIT_MS)
         self.asked: list[str] = []
         self.wrong: list[str] = []
+        self._last: tuple[int, bytes] = (-1, b"")  # picture that was fetched last, and its number
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.on("websocket", lambda socket: self.asked.append(socket.url))
         self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
@@ -62,17 +65,20 @@ class Tab:
 
     def done(self) -> None:
         """Wait until the picture is of the present state."""
-        status = self.page.locator(".stage-bar > .status")
-        self.page.wait_for_function("e => / ms$/.test(e.textContent)", arg=status.element_handle())
+        self.until("e => / ms$/.test(e.textContent)", self.page.locator(".stage-bar > .status").element_handle())
 
     def picture(self) -> bytes:
         """Return the picture of the present state."""
         self.done()
-        return bytes(self.page.request.get(f"/picture/{self.newest()}").body())
+        number = self.newest()
+        if number != self._last[0]:
+            self._last = number, bytes(self.page.request.get(f"/picture/{number}").body())
+        return self._last[1]
 
     def newest(self) -> int:
         """Return the number of the picture that was asked for last, of whatever state."""
-        return max(int(url.rsplit("/", 1)[1]) for url in self.asked if "/picture/" in url and not self.is_small(url))
+        small: list[str] = self.page.locator(".uw-strip img").evaluate_all("all => all.map(one => one.src)")
+        return max(int(url.rsplit("/", 1)[1]) for url in self.asked if "/picture/" in url and url not in small)
 
     def changed(self, before: bytes) -> None:
         """Wait until the picture is another one."""
@@ -88,12 +94,9 @@ class Tab:
             assert time.monotonic() < end, "the picture is not as it was before"
             self.page.wait_for_timeout(20)
 
-    def is_small(self, url: str) -> bool:
-        shown: list[str] = self.page.locator(".uw-strip img").evaluate_all("all => all.map(one => one.src)")
-        return url in shown
-
-    def until(self, what: str) -> None:
-        self.page.wait_for_function(what)
+    def until(self, what: str, arg: Any = None) -> None:
+        """Wait until a function of the page returns true."""
+        self.page.wait_for_function(what, arg=arg, polling=POLL_MS)
 
 
 class Page:
@@ -103,7 +106,9 @@ class Page:
         self.browser, self.scene, self.address = browser, scene, address
         parts = urlsplit(address)
         self.base, self.port = f"http://{parts.netloc}", parts.port
-        self.context = browser.new_context(viewport={"width": 1280, "height": 800}, base_url=self.base)
+        self.context = browser.new_context(
+            viewport={"width": 1280, "height": 800}, base_url=self.base, reduced_motion="reduce"
+        )
         self.tabs: list[Tab] = []
         self.first, self._text = self.tab(), scene.read_text("utf-8")
         self.first.page.get_by_role("button", name="Snapshots").click()
@@ -229,7 +234,7 @@ def test_a_place_is_said_in_the_words_that_are_set(page: Page) -> None:
     tab = page.first
     tab.done()
     azimuth = tab.control("object.0.azimuth_deg").locator("input[type=number]")
-    tab.page.wait_for_function("e => e.value !== '' && Number(e.value) !== 0", arg=azimuth.element_handle())  # as it is
+    tab.until("e => e.value !== '' && Number(e.value) !== 0", azimuth.element_handle())  # as it is
     before = tab.picture()
     azimuth.fill("40")
     azimuth.press("Enter")
@@ -314,11 +319,11 @@ def test_two_tabs_stay_in_step(page: Page) -> None:
     first.control("camera.depth_m").locator("input[type=number]").fill("6.25")
     first.page.keyboard.press("Enter")
     field = second.control("camera.depth_m").locator("input[type=number]")
-    second.page.wait_for_function("e => e.value === '6.25'", arg=field.element_handle())
+    second.until("e => e.value === '6.25'", field.element_handle())
     field.fill("4.5")
     field.press("Enter")
     other = first.control("camera.depth_m").locator("input[type=number]")
-    first.page.wait_for_function("e => e.value === '4.5'", arg=other.element_handle())
+    first.until("e => e.value === '4.5'", other.element_handle())
     second.returned(first.picture())
     second.page.close()
 
@@ -343,12 +348,12 @@ def test_the_list_of_comparisons_follows_the_viewer(page: Page) -> None:
     bar = tab.page.get_by_label("Compare with a second picture")
     for button, expected in (("Snapshot", ""), ("Wipe", "snapshot"), ("One", "")):
         bar.get_by_role("button", name=button, exact=True).click()
-        tab.page.wait_for_function("([e, v]) => e.value === v", arg=[chosen.element_handle(), expected])
+        tab.until("([e, v]) => e.value === v", [chosen.element_handle(), expected])
     chosen.select_option("plate")
     bar.get_by_role("button", name="Wipe", exact=True, pressed=True).wait_for()
     assert chosen.input_value() == "plate"
     bar.get_by_role("button", name="One", exact=True).click()
-    tab.page.wait_for_function("e => e.value === ''", arg=chosen.element_handle())
+    tab.until("e => e.value === ''", chosen.element_handle())
 
 
 def test_the_clip_is_measured_on_request(page: Page) -> None:
@@ -377,7 +382,7 @@ def test_an_object_stands_where_the_picture_is_clicked(page: Page) -> None:
     old = tab.control("object.0.position_m").locator("input").first.input_value()
     tab.page.mouse.click(x, y)
     first = tab.control("object.0.position_m").locator("input").first
-    tab.page.wait_for_function("([e, old]) => e.value !== old", arg=[first.element_handle(), old])
+    tab.until("([e, old]) => e.value !== old", [first.element_handle(), old])
     tab.page.keyboard.press("Control+s")
     tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
     with LivePreview("reference") as preview:
@@ -405,7 +410,7 @@ def test_a_handle_scales_the_size_as_the_scene_says_it(page: Page, word: str, si
     control.press("Enter")
     tab.page.locator(f"button[title='undo: set object.0.{word}']").wait_for()
     moved = "([e, x]) => Math.abs(e.getBoundingClientRect().x - x) > 2"  # it is where this size ends
-    tab.page.wait_for_function(moved, arg=[handle.element_handle(), before["x"]])
+    tab.until(moved, [handle.element_handle(), before["x"]])
     handle.press("ArrowRight")
     tab.page.locator("button[title='undo: scale object.0']").wait_for()
     save(tab)
@@ -544,11 +549,11 @@ def test_an_object_is_trimmed_by_thirds_of_a_stop(page: Page) -> None:
     tab = page.first
     number = tab.control("object.0.exposure").locator("input[type=number]")
     tab.page.get_by_role("button", name="Brighter").click()
-    tab.page.wait_for_function("e => e.value === '0.333'", arg=number.element_handle())
+    tab.until("e => e.value === '0.333'", number.element_handle())
     tab.page.locator("h1").click()
     for key, expected in ((".", "0.667"), (",", "0.333"), (",", "0"), (",", "-0.333")):
         tab.page.keyboard.press(key)
-        tab.page.wait_for_function("([e, v]) => e.value === v", arg=[number.element_handle(), expected])
+        tab.until("([e, v]) => e.value === v", [number.element_handle(), expected])
     for _ in range(5):
         tab.page.keyboard.press("Control+z")
     tab.page.locator("button[title='undo: set object.0.exposure']").wait_for(state="detached")
@@ -593,10 +598,10 @@ def test_a_preset_is_one_step(page: Page) -> None:
     tab.page.get_by_role("button", name="Presets").click()
     tab.page.locator(".q-menu").get_by_text("harbour", exact=True).click()
     choice = tab.control("water.type").locator("select")
-    tab.page.wait_for_function("e => e.value === '\"harbour\"'", arg=choice.element_handle())
+    tab.until("e => e.value === '\"harbour\"'", choice.element_handle())
     tab.page.locator("h1").click()
     tab.page.keyboard.press("Control+z")
-    tab.page.wait_for_function("e => e.value === '\"IB\"'", arg=choice.element_handle())
+    tab.until("e => e.value === '\"IB\"'", choice.element_handle())
 
 
 def test_water_is_matched_by_a_click_and_undone(page: Page) -> None:
@@ -623,12 +628,12 @@ def test_water_is_matched_by_a_click_and_undone(page: Page) -> None:
     assert line == f"water.type: III → {found}"
     assert found in ("IA", "IB", "II")  # a step from the truth: the depth in the scene is another
     dialog.get_by_role("button", name="Apply").click()
-    tab.page.wait_for_function("([e, v]) => e.value === v", arg=[choice.element_handle(), f'"{found}"'])
+    tab.until("([e, v]) => e.value === v", [choice.element_handle(), f'"{found}"'])
     dialog.get_by_role("button", name="Close").click()
     tab.changed(before)
     tab.page.locator("h1").click()
     tab.page.keyboard.press("Control+z")
-    tab.page.wait_for_function("e => e.value === '\"III\"'", arg=choice.element_handle())
+    tab.until("e => e.value === '\"III\"'", choice.element_handle())
     tab.page.get_by_label("What a click in the picture does").select_option("")
     tab.returned(before)
 
