@@ -15,7 +15,7 @@ import functools
 import re
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -95,33 +95,42 @@ def gl_device() -> GlDevice:
     return GlDevice(renderer, str(info["GL_VENDOR"]), str(info["GL_VERSION"]), software)
 
 
-def _compile(sources: dict[str, Source]) -> moderngl.Program:
+def program(*, fragment: str, defines: Mapping[str, int] | None = None) -> moderngl.Program:
+    """Return the program of a shader file below the package folder, see `program_from_text`."""
+    path = _ROOT / fragment
+    if not path.is_file():
+        raise GlError(f"{fragment} - no such shader - check the name")
+    return program_from_text(fragment=path.read_text("utf-8"), name=fragment, defines=defines)
+
+
+def program_from_text(
+    *, fragment: str, name: str = "shader", defines: Mapping[str, int] | None = None
+) -> moderngl.Program:
+    """Return a linked program of fragment shader text, whose one triangle fills the target.
+
+    It hands `uv` in [0, 1]^2 to the fragment shader and is drawn with `draw_fullscreen`. name: of the shader in
+    messages. Raises `GlError` for text that does not compile.
+    """
     import moderngl
 
-    texts: dict[str, Any] = {stage: source.text for stage, source in sources.items()}
+    vertex, _ = expand_source(_FULLSCREEN, "fullscreen.vert")
+    text, files = expand_source(fragment, name, defines)
     try:
-        return gl_context().program(**texts)
+        return gl_context().program(vertex_shader=vertex, fragment_shader=text)
     except moderngl.Error as error:
-        log = str(error)
-        # compilers and linkers name the stage ("fragment_shader", "Fragment info"); lines belong to that stage's files
-        failed = next((stage for stage in sources if stage.partition("_")[0] in log.lower()), None)
-        log = sources[failed].explain(log) if failed else log
-        raise GlError(f"shader - does not compile - {log.strip()}") from error
+        raise GlError(f"shader - does not compile - {_with_places(str(error), files).strip()}") from error
 
 
-def program(*, fragment: str, defines: Mapping[str, str | int | float] | None = None) -> moderngl.Program:
-    """Return a linked program of a shader file below the package, whose one triangle fills the target.
+def _with_places(log: str, files: Sequence[str]) -> str:
+    """Return a compiler log with its encoded line numbers replaced by file:line."""
 
-    It hands `uv` in [0, 1]^2 to the fragment shader and is drawn with `draw_fullscreen`.
-    """
-    first = expand_source(_FULLSCREEN, "fullscreen.vert")
-    return _compile({"vertex_shader": first, "fragment_shader": load_source(fragment, defines)})
+    def place(match: re.Match[str]) -> str:
+        index, line = divmod(int(match.group(1)), _LINES_PER_FILE)
+        return f"{files[index]}:{line}" if index < len(files) else match.group(0)
 
-
-def program_from_text(*, fragment: str, name: str = "shader") -> moderngl.Program:
-    """Return a linked full-screen program of fragment shader text, for harnesses that wrap a function of a file."""
-    whole = expand_source(_FULLSCREEN, "fullscreen.vert")
-    return _compile({"vertex_shader": whole, "fragment_shader": expand_source(fragment, name)})
+    # Mesa: 0:30012(5): error ...    NVIDIA: 0(30012) : error ...    Apple and AMD: ERROR: 0:30012: ...
+    log = re.sub(r"\b0:(\d{5,})(?:\(\d+\))?", place, log)
+    return re.sub(r"\b0\((\d{5,})\)", place, log)
 
 
 def draw_fullscreen(target: moderngl.Framebuffer, program: moderngl.Program) -> None:
@@ -152,12 +161,6 @@ def texture_from_array(array: ArrayLike, dtype: str = "f4") -> moderngl.Texture:
     return texture
 
 
-@per_thread
-def largest_texture() -> int:
-    """Return the most texels of a texture along one side."""
-    return int(gl_context().info["GL_MAX_TEXTURE_SIZE"])
-
-
 def texture_array_from_array(array: ArrayLike) -> moderngl.TextureArray:
     """Return an unfiltered float texture array of images (N, H, W, C)."""
     import moderngl
@@ -170,7 +173,7 @@ def texture_array_from_array(array: ArrayLike) -> moderngl.TextureArray:
     return texture
 
 
-VERSION = "#version 330 core"
+_VERSION = "#version 330 core"
 _ROOT = Path(__file__).resolve().parent.parent
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*(?://.*)?$')
 _LINES_PER_FILE = 10_000
@@ -194,43 +197,18 @@ def constants_source() -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Source:
-    """One shader stage ready for the compiler, and the files that its line numbers encode."""
+def expand_source(text: str, name: str, defines: Mapping[str, int] | None = None) -> tuple[str, list[str]]:
+    """Return shader text with includes expanded, ready for the compiler, and the files that its line numbers encode.
 
-    text: str
-    files: tuple[str, ...]
-
-    def explain(self, log: str) -> str:
-        """Return a compiler log with its encoded line numbers replaced by file:line."""
-
-        def name(match: re.Match[str]) -> str:
-            number = int(match.group(2))
-            index, line = divmod(number, _LINES_PER_FILE)
-            return f"{self.files[index]}:{line}" if index < len(self.files) else match.group(0)
-
-        # Mesa: 0:30012(5): error ...    NVIDIA: 0(30012) : error ...    Apple and AMD: ERROR: 0:30012: ...
-        log = re.sub(r"\b(0):(\d{5,})(?:\(\d+\))?", name, log)
-        return re.sub(r"\b(0)\((\d{5,})\)", name, log)
-
-
-def load_source(name: str, defines: Mapping[str, str | int | float] | None = None) -> Source:
-    """Return the shader file `name` (below the package folder) with includes expanded and `defines` set."""
-    path = _ROOT / name
-    if not path.is_file():
-        raise GlError(f"{name} - no such shader - check the name")
-    return expand_source(path.read_text("utf-8"), name, defines)
-
-
-def expand_source(text: str, name: str, defines: Mapping[str, str | int | float] | None = None) -> Source:
-    """Return shader text with includes expanded; `name` is its path in messages and for relative includes."""
-    files = ["constants.glsl"]
-    out = [VERSION]
-    for key, value in sorted((defines or {}).items()):  # in a fixed order, for the drivers' caches
-        out.append(f"#define {key} {value if isinstance(value, str) else glsl_number(value)}")
+    name: its path in messages and for relative includes.
+    """
+    files, out = ["constants.glsl"], [_VERSION]
+    out += [
+        f"#define {key} {value}" for key, value in sorted((defines or {}).items())
+    ]  # in one order, for the drivers' caches
     out += ["#line 1", constants_source()]
     _expand(text, name, files, out)
-    return Source("\n".join(out) + "\n", tuple(files))
+    return "\n".join(out) + "\n", files
 
 
 def _expand(text: str, name: str, files: list[str], out: list[str]) -> None:
