@@ -36,7 +36,7 @@ from mr360uw.caustics import (
 from mr360uw.caustics.irradiance import cell_flux, lit_corners, refracted_rays
 from mr360uw.caustics.settings import PlaneLadder, grid_of
 from mr360uw.caustics.summed_stack import summed_stack
-from mr360uw.composite.gl.device import upload_stack
+from mr360uw.composite.gl.device import StackTextures
 from mr360uw.errors import Mr360uwError
 from mr360uw.gl import draw_fullscreen, gl_context, gl_device, program_from_text, set_uniforms
 from mr360uw.types import CausticStack
@@ -214,12 +214,12 @@ def lookup() -> None:
     for colours, planes in itertools.product((1, 3), (1, 2, 4, 8)):
         ratio = np.broadcast_to(rng.uniform(0.5, 2.0, (planes, 256, 256, colours)), (planes, 256, 256, 3))
         light = CausticStack(ratio, stack_depths(2.0, 8.0, planes), 8.0, np.array([0.2, 0.93, -0.3]))
-        stack = upload_stack(light)
+        textures = StackTextures().of(light)
         times = {}
         for reads, shader in shaders.items():
-            for unit, (name, texture) in enumerate({"ratio": stack.ratio, "plane_depth": stack.plane_depth}.items()):
+            for unit, (name, texture) in enumerate(textures.items()):
                 texture.use(unit)
-                set_uniforms(shader, **{name: unit})
+                set_uniforms(shader, **{name.removeprefix("caustic_"): unit})
             set_uniforms(shader, stack__tile_m=light.tile_m, stack__sun_direction=light.sun_direction)
 
             def once(shader: Any = shader) -> None:

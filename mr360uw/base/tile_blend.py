@@ -409,7 +409,7 @@ def _write(change: Any, haze: Any, least: Any, ratio: Any, veil: Any) -> None:
 def _take_images(rows: Any, b: int, j: int, n: int, images: Any) -> None:
     """Set a row of block b, the n-th of all, to row j of those images that it has.
 
-    rows: channels of `BlockIrradiance.corner`, weight of the change, waves and added light. images: `PixelImages` of
+    rows: channels of `GroundLines.corner`, weight of the change, waves and added light. images: `PixelImages` of
     free, seen, waves, shape and added.
     """
     (line, weight, waves_row, added_row), (free_, seen_, waves_, shape_, added_) = rows, images

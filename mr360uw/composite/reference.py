@@ -113,7 +113,7 @@ def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
     receiver_parts: list[Rectangle] = []
     touched = touched_ground(shot, cache)
     if touched is not None:
-        receiver_parts = rectangles_of_blocks(touched.blocks, shot.view)
+        receiver_parts = rectangles_of_blocks(touched[1], shot.view)
     tiles = even_tiles(object_parts + receiver_parts, shot.view.width, shot.view.height)
     if not tiles:
         return Layer(shot.view.height, shot.view.width, ())

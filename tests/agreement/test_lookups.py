@@ -8,7 +8,7 @@ import pytest
 
 from mr360uw.base.caustic_lookup import caustic_lookup, mip_levels
 from mr360uw.base.sphere import unit
-from mr360uw.composite.gl.device import AtlasScratch, mip_atlas, upload_stack
+from mr360uw.composite.gl.device import StackTextures, mip_atlas
 from mr360uw.gl import gl_device
 from mr360uw.types import CausticStack
 from tests.agreement.tolerances import FILTER_WEIGHTS, FLOAT32_LOOKUP
@@ -33,13 +33,12 @@ def test_caustics(rng: np.random.Generator, planes: int, colours: int) -> None:
     inputs = padded(
         rng.uniform(-20, 20, COUNT), rng.uniform(0, 20, COUNT), rng.uniform(-20, 20, COUNT), rng.uniform(0, 20, COUNT)
     )
-    on_device = upload_stack(stack)
     got = glsl_call(
         "base/caustic_lookup.glsl",
         "caustic_lookup(stack, ratio, plane_depth, v.xyz, v.w)",
         3,
         "uniform CausticStack stack; uniform sampler2DArray ratio; uniform sampler2D plane_depth;",
-        {"ratio": on_device.ratio, "plane_depth": on_device.plane_depth},
+        {name.removeprefix("caustic_"): texture for name, texture in StackTextures().of(stack).items()},
         {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction},
         v=inputs,
     )
@@ -49,21 +48,22 @@ def test_caustics(rng: np.random.Generator, planes: int, colours: int) -> None:
 
 
 @pytest.mark.usefixtures("gl")
-def test_memory_of_stacks_is_used_again_only_once_they_are_gone(rng: np.random.Generator) -> None:
+def test_a_stack_of_the_same_size_is_written_over_the_last_one(rng: np.random.Generator) -> None:
     def stack(planes: int) -> CausticStack:
         ratio = rng.uniform(0.5, 2.0, (planes, 8, 8, 1))
         return CausticStack(
             np.broadcast_to(ratio, (planes, 8, 8, 3)), np.arange(1.0, planes + 1.0), 8.0, unit([0.3, 0.9, -0.2])
         )
 
-    room, first, second = AtlasScratch(), stack(4), stack(4)
+    textures, first = StackTextures(), stack(4)
 
     def holds(stack: CausticStack) -> bytes:
         return mip_atlas(mip_levels(stack.ratio[..., :1].astype(np.float32))).tobytes()
 
-    held = upload_stack(first, room)
-    other = upload_stack(second, room)
-    assert held.ratio.read(alignment=1) == holds(first)
-    assert other.ratio.read(alignment=1) == holds(second)
-    larger = stack(7)
-    assert upload_stack(larger, room).ratio.read(alignment=1) == holds(larger)
+    kept = textures.of(first)["caustic_ratio"]
+    assert kept.read(alignment=1) == holds(first)
+    assert textures.of(first)["caustic_ratio"] is kept
+    second, larger = stack(4), stack(7)
+    assert textures.of(second)["caustic_ratio"] is kept
+    assert kept.read(alignment=1) == holds(second)
+    assert textures.of(larger)["caustic_ratio"].read(alignment=1) == holds(larger)

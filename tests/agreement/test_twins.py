@@ -97,10 +97,9 @@ def caustic_case(name: str, rng: np.random.Generator) -> Case:
         expected = soft_caustic_lookup(stack, mip_levels(stack.ratio), mip_levels(soft), *at.T, columns["unturned"])
 
     def textures() -> dict[str, Any]:
-        from mr360uw.composite.gl.device import upload_stack
+        from mr360uw.composite.gl.device import StackTextures
 
-        on_device = upload_stack(stack)
-        return {"ratio": on_device.ratio, "plane_depth": on_device.plane_depth}
+        return {name.removeprefix("caustic_"): texture for name, texture in StackTextures().of(stack).items()}
 
     return Case(
         f"{name}(stack, ratio, plane_depth, v.xyz, v.w{more})", columns, expected, tol.FILTER_WEIGHTS,

@@ -13,7 +13,7 @@ from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, irradi
 from mr360uw.caustics.irradiance import refracted_rays
 from mr360uw.caustics.settings import grid_of
 from mr360uw.caustics.summed_stack import cell_corners, cell_flux, sum_cells, summed_stack, vertex_rays
-from mr360uw.composite.gl.device import AtlasScratch, mip_atlas, upload_stack
+from mr360uw.composite.gl.device import mip_atlas
 from mr360uw.types import BeamSpread
 from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS
@@ -119,22 +119,6 @@ def test_what_points_do_not_represent_is_drawn_by_coverage(sea, changes, sun):
     arguments = sea, sun, np.array([6.0]), 0.5, s, 1.34, None
     expected = caustic_stack(*arguments).ratio
     np.testing.assert_allclose(summed_stack(*arguments).ratio, expected, rtol=tol.FLOAT32_TWIN, atol=0.0)
-
-
-@pytest.mark.usefixtures("gl")
-def test_a_texture_is_written_over_once_nobody_holds_it():
-    depths, settings = np.array([2.0, 4.0]), CausticSettings(size=32, grid=32)
-    stacks = [caustic_stack(BREEZE, SUN, depths, time_s, settings) for time_s in (0.0, 1.0)]
-    scratch = AtlasScratch()
-    first = upload_stack(stacks[0], scratch)
-    second, pixels = upload_stack(stacks[1], scratch), first.ratio.read()
-    assert second.ratio is not first.ratio
-    assert first.ratio.read() == pixels != second.ratio.read()
-    free = first.ratio
-    del first
-    third = upload_stack(stacks[1], scratch)
-    assert third.ratio is free
-    assert free.read() == second.ratio.read()
 
 
 def test_stacks_follow_each_other_in_an_atlas(rng):

@@ -91,7 +91,7 @@ def test_footprints_of_pixels_are_where_their_rays_meet_the_ground(rng: np.rando
     corner = np.stack([rng.uniform(0.0, 500.0, 4000), rng.uniform(20.0, 236.0, 4000)], axis=-1)
     down = view.directions(*(corner + 0.5).T)
     corner, down = corner[down[:, 1] < -0.3], down[down[:, 1] < -0.3]
-    found = footprints_of(view, corner, np.array(WHOLE_PIXEL), 1, 1.0, plane_m=-2.0)
+    found = footprints_of(view, corner, np.array(WHOLE_PIXEL), (1, 1.0), -2.0)
     np.testing.assert_allclose(found[:, :3], down * (-2.0 / down[:, 1:2]), rtol=1e-6, atol=1e-6)
     for side, step in ((found[:, 3:6], (1.0, 0.0)), (found[:, 6:9], (0.0, 1.0))):
         beside = view.directions(*(corner + 0.5 + step).T)

@@ -221,11 +221,11 @@ def test_texture_lookup_on_the_device_is_the_references(rng: np.random.Generator
     change = rng.uniform(0, 0.2, (COUNT, 2)).astype(np.float32)
     for wrap in (("repeat", "clamp"), ("mirror", "repeat")):
         texture: Texture = make_texture(image, srgb=True, wrap=wrap)
-        buffers = upload_mesh(quad(Material(base_map=texture)))
+        textures, _ = upload_mesh(quad(Material(base_map=texture)))
         got = glsl_call(
             "composite/gl/shaders/texture.glsl",
             "texture_lookup(store, texelFetch(materials, ivec2(3, 0), 0), uv, vec2(c.x, 0.0), vec2(0.0, c.y))",
-            4, "uniform sampler2D store, materials;", {name: buffers.textures[name] for name in ("store", "materials")},
+            4, "uniform sampler2D store, materials;", {name: textures[name] for name in ("store", "materials")},
             uv=uv, c=change,
         )  # fmt: skip
         du, dv = np.zeros((COUNT, 2)), np.zeros((COUNT, 2))

@@ -146,8 +146,14 @@ def make_quadtree(bodies: Occluders, camera: Floats, pixel_rad: float, extent_m:
         count += len(square)
         if len(square) == 0:
             break
+    # Find the samples on the sides of larger squares, those squares, and the places in them
     sample, kind, child = (np.concatenate(column) for column in zip(*levels, strict=True))
-    return _joinable(low, root_m, roots, child, kind, sample, samples)
+    leaf, at = np.zeros((len(samples.place), 2), np.int64), np.zeros((len(samples.place), 2))
+    find_hanging((samples.place[:, [0, 2]] - low) / root_m, roots, child, kind, 0.25 / 2 ** (_DEEPEST + 1), leaf, at)
+    hanging = np.flatnonzero(leaf[:, 0] >= 0)
+    hanging = hanging[np.argsort(leaf[hanging, 1], kind="stable")]
+    of_larger = hanging, leaf[hanging, 0], at[hanging]
+    return Quadtree(low, root_m, roots, child, kind, sample, samples.place, joined(samples.parts), *of_larger)
 
 
 def camera_place(camera: Floats) -> Floats:
@@ -193,21 +199,6 @@ class _Samples:
             self.parts.append(found)
         number = self._number[np.searchsorted(self._keys, key)]
         return number, self._value[number]
-
-
-def _joinable(
-    low: Floats, root_m: float, roots: NDArray[np.int64], child: NDArray[np.int32], kind: NDArray[np.int8],
-    sample: NDArray[np.int32], samples: _Samples,
-) -> Quadtree:  # fmt: skip
-    """Return the patches with the samples on the sides of larger ones, those patches, and the places in them."""
-    leaf, at = np.zeros((len(samples.place), 2), np.int64), np.zeros((len(samples.place), 2))
-    find_hanging((samples.place[:, [0, 2]] - low) / root_m, roots, child, kind, 0.25 / 2 ** (_DEEPEST + 1), leaf, at)
-    hanging = np.flatnonzero(leaf[:, 0] >= 0)
-    hanging = hanging[np.argsort(leaf[hanging, 1], kind="stable")]
-    blocked = joined(samples.parts)
-    return Quadtree(
-        low, root_m, roots, child, kind, sample, samples.place, blocked, hanging, leaf[hanging, 0], at[hanging]
-    )
 
 
 @inlined
@@ -341,14 +332,15 @@ class GroundField:
     patches: tuple[tuple[Quadtree, Floats, float], ...]
     gap_m: float
 
-    def at(self, point: Floats, normal: Floats) -> Floats:
+    def at(self, point: Floats, normal: Floats) -> NDArray[np.float32]:
         """Return what `free_of_bodies` does; of patches within `TOLERANCE`.
 
         Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each
         place.
         """
+        point, normal = np.asarray(point, np.float64), np.asarray(normal, np.float64)
         if not self.patches:
-            return free_of_bodies(self.shot, self.light, point, normal, self.cache())
+            return free_of_bodies(self.shot, self.light, point, normal, self.cache()).astype(np.float32)
         place = point.reshape(-1, 3)
         free, jump = np.zeros(place.shape), np.zeros(len(place), np.bool_)
         for tree, values, share in self.patches:
@@ -357,7 +349,7 @@ class GroundField:
         if np.any(jump):
             each = place[jump], normal.reshape(-1, 3)[jump]
             free[jump] = free_of_bodies(self.shot, self.light, *each, self.cache())
-        return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
+        return np.maximum(free, 0.0).reshape(point.shape).astype(np.float32)  # parabolas of steep samples dip below
 
     def jumps(self) -> Floats:
         """Return places (n, 3) of level ground, from the camera, a few pixels apart at most, all along the lines at

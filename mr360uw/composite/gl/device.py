@@ -5,37 +5,28 @@ light.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.cache import PartOf, Scratch
-from mr360uw.composite.mesh.material import MAPS, WRAPS, Material, Texture
-from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.errors import MeshError
-from mr360uw.gl import gl_context, largest_texture, program, set_uniforms, texture_from_array
-from mr360uw.jit import exact
-from mr360uw.types import Floats
-
-if TYPE_CHECKING:
-    import moderngl
-import functools
-import weakref
-
-import moderngl
-
-from mr360uw.base.cache import Cache
+from mr360uw.base.cache import Cache, PartOf, Scratch
 from mr360uw.base.caustic_lookup import mip_levels
 from mr360uw.base.constants import MAXIMUM_GLOSSY_LEVELS
 from mr360uw.composite.gl.light_visibility import Visibility, visibility_of
 from mr360uw.composite.light_sources import lamps_of, sun_of, sun_up, widest_half_angle
+from mr360uw.composite.mesh.material import MAPS, WRAPS, Material, Texture
+from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import Shot
-from mr360uw.gl import texture_array_from_array
+from mr360uw.errors import MeshError
+from mr360uw.gl import gl_context, program, set_uniforms, texture_array_from_array, texture_from_array
+from mr360uw.jit import exact
 from mr360uw.medium.shafts.single_scattering import nearest_m
-from mr360uw.types import CausticStack, Environment, MediumTable
+from mr360uw.types import CausticStack, Environment, Floats, MediumTable
 
 _LIST_COLUMNS = 2048
 _STORE_COLUMNS = 4096
@@ -50,22 +41,14 @@ SETS = 8
 """Sets of texture coordinates that a material may have: more than it has maps. Twin: geometry.glsl."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MeshBuffers:
-    """A mesh on the device. textures: triangles, materials and store, as geometry.glsl and texture.glsl say. defines:
-    of shaders, by what its materials have.
-    """
-
-    textures: dict[str, moderngl.Texture]
-    defines: dict[str, int]
-
-
+MeshBuffers = tuple[dict[str, moderngl.Texture], dict[str, int]]
+"""A mesh on the device: textures of triangles, materials and store, as geometry.glsl and texture.glsl say; and what its
+materials have, as defines of shaders.
+"""
 StillBuffers = tuple[NDArray[np.float32], MeshBuffers]
 """What all poses of a mesh share: the texels (rows, columns, 4) of its triangles, complete but for positions and
 normals, and the textures of its materials.
 """
-
-
 Places = PartOf[NDArray[np.int64]]
 """Points (T, 4) of the ambient light of a mesh, as `Lattice.places` has them."""
 
@@ -90,17 +73,16 @@ def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
     # Define every kind of map that some material has, further texture coordinates, and materials smoother than diffuse
     defines = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
     defines |= ({"MORE_UV": 1} if mesh.more_uv.shape[2] else {}) | ({"SMOOTH": 1} if mesh.glossy else {})
-    shared = MeshBuffers({"materials": list_texture(materials), "store": store}, defines)
-    return _in_rows((texels, further), 4, Scratch()), shared
+    return _in_rows((texels, further), 4, Scratch()), ({"materials": list_texture(materials), "store": store}, defines)
 
 
 def upload_mesh(mesh: Mesh, places: Places | None = None, still: StillBuffers | None = None) -> MeshBuffers:
     """Return a mesh on the device. places: those of `upload_still`. still: of a pose, what it shares with others."""
-    whole, shared = upload_still(mesh, places) if still is None else still
+    whole, (textures, defines) = upload_still(mesh, places) if still is None else still
     rows, count = whole.copy(), len(mesh.positions)
     texels = rows.reshape(-1, 4)[: TRIANGLE_TEXELS * count].reshape(-1, TRIANGLE_TEXELS, 4)
     texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = mesh.positions, mesh.normals
-    return MeshBuffers({"triangles": texture_from_array(rows), **shared.textures}, shared.defines)
+    return {"triangles": texture_from_array(rows), **textures}, defines
 
 
 def list_texture(*parts: NDArray[Any], channels: int = 4, scratch: Scratch | None = None) -> moderngl.Texture:
@@ -144,7 +126,7 @@ def texture_store(textures: Iterable[Texture]) -> tuple[moderngl.Texture, dict[T
         pieces.append(np.zeros((pad, 4), np.float16))
         total += size + pad
     rows = max(-(-total // _STORE_COLUMNS), 1)
-    limit = largest_texture()
+    limit = int(gl_context().info["GL_MAX_TEXTURE_SIZE"])
     if rows > limit:
         raise MeshError(
             f"textures - are too large for this OpenGL (got {total / 1e6:.0f} million texels of one mesh) - "
@@ -160,19 +142,13 @@ def _material_texels(m: Material, entries: dict[Texture, MapEntry]) -> Floats:
         [
             m.base_color,
             (m.metallic, m.roughness, m.normal_scale, m.occlusion_strength),
-            (*m.emission, float(_packed(m.sets))),
+            # numbers of texture coordinates of the maps but the first, as digits
+            (*m.emission, float(sum(number * SETS**place for place, number in enumerate(m.sets[1:])))),
             *(_NO_MAP if texture is None else entries[texture] for texture in maps),
             (*m.trim, m.refractive_index),
         ],
         np.float32,
     )
-
-
-def _packed(sets: Sequence[int]) -> int:
-    """Return the numbers of texture coordinates of the maps but the first as digits of base `SETS`, as geometry.glsl
-    reads them.
-    """
-    return sum(number * SETS**place for place, number in enumerate(sets[1:]))
 
 
 BLOCK = 4
@@ -266,24 +242,23 @@ _ROWS_OF_BEAM = 2
 @dataclass(frozen=True, slots=True, eq=False)
 class ShadingInputs:
     """The light of one shot on the device. textures, uniforms: by their names in shaders. defines: of these.
-    visibility: of its sun and lamps. caustics: of the shot, held as long as their textures are in use.
+    visibility: of its sun and lamps.
     """
 
     defines: dict[str, int]
     textures: dict[str, Any]
     uniforms: dict[str, Any]
     visibility: Visibility
-    caustics: StackTextures | None = None
 
 
 class ShadingTextures:
     """Makes textures and uniforms of the light of shots; unchanged textures come from the cache."""
 
     def __init__(self, cache: Cache) -> None:
-        self._cache, self._caustic_scratch, self._scratch = cache, AtlasScratch(), Scratch()
+        self._cache, self._caustics, self._scratch = cache, StackTextures(), Scratch()
 
     def of(self, shot: Shot) -> ShadingInputs:
-        """Return the light of a shot."""
+        """Return the light of a shot; until the next one is asked for, whose caustics are written over its own."""
         environment, medium, stack, cache = shot.environment, shot.medium, shot.caustics, self._cache
         sun, lamps, widest = sun_of(shot), lamps_of(shot), widest_half_angle(shot)
         levels = min(len(environment.glossy), MAXIMUM_GLOSSY_LEVELS)
@@ -316,28 +291,26 @@ class ShadingTextures:
             }  # fmt: skip
         # One texture of the ambient irradiance and the glossy levels after it, one of lamps (lamps.glsl)
         textures: dict[str, Any] = {"ambient": cache.of(_ambient_texture, environment)}
-        rows = np.zeros((max(len(lamps), 1), 6, 4))
-        for number, (row, lamp) in enumerate(zip(rows, lamps, strict=False)):
-            row[:3, :3] = lamp.position - shot.view.position, lamp.axis, lamp.intensity
-            row[0, 3], row[4:] = lamp.radius_m, lamp.beam
-            row[3, :2] = _ROWS_OF_BEAM + number, nearest_m(lamp)
-        textures["lamps"] = cache.of(texture_from_array, rows, keep=2)
+        if lamps:
+            rows = np.zeros((len(lamps), 6, 4))
+            for number, (row, lamp) in enumerate(zip(rows, lamps, strict=True)):
+                row[:3, :3] = lamp.position - shot.view.position, lamp.axis, lamp.intensity
+                row[0, 3], row[4:] = lamp.radius_m, lamp.beam
+                row[3, :2] = _ROWS_OF_BEAM + number, nearest_m(lamp)
+            textures["lamps"] = cache.of(texture_from_array, rows, keep=2)
         # The water, with the attenuation of lamps' own light
-        textures |= cache.of(_medium_textures, medium)
         if medium is not None:
+            textures |= cache.of(_medium_textures, medium)
             uniforms |= {"medium__camera_depth_m": medium.camera_depth_m, "medium__length_m": medium.length_m}
             if lamps:
                 of_lamps = (lamp.attenuation for lamp in lamps if lamp.attenuation is not None)
                 beam = np.stack([medium.beam, medium.unscattered, *of_lamps])
                 textures["beam"] = cache.of(texture_from_array, beam, keep=2)
         # The caustics
-        held = None if stack is None else cache.of(upload_stack, stack, self._caustic_scratch)
-        if stack is None or held is None:
-            textures |= cache.of(_no_caustics)
-        else:
+        if stack is not None:
             uniforms |= {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction}
-            textures |= {"caustic_ratio": held.ratio, "plane_depth": held.plane_depth}
-        return ShadingInputs(defines, textures, uniforms, visibility_of(shot, cache, self._scratch), held)
+            textures |= self._caustics.of(stack)
+        return ShadingInputs(defines, textures, uniforms, visibility_of(shot, cache, self._scratch))
 
 
 def _ambient_texture(environment: Environment) -> moderngl.TextureArray:
@@ -345,20 +318,10 @@ def _ambient_texture(environment: Environment) -> moderngl.TextureArray:
     return texture_array_from_array(np.stack([environment.ambient, *glossy]))
 
 
-def _no_caustics() -> dict[str, Any]:
-    return {
-        "caustic_ratio": texture_array_from_array(np.ones((1, 2, 1, 3))),
-        "plane_depth": texture_from_array(np.zeros((1, 1, 1))),
-    }
-
-
-def _medium_textures(medium: MediumTable | None) -> dict[str, Any]:
+def _medium_textures(medium: MediumTable) -> dict[str, Any]:
     """Return the tables of a medium in the layout of medium/lookup.glsl, and the plate's ratio."""
-    ratio: Floats = np.ones((1, 2, 3))
-    tables: Sequence[Floats] = [np.zeros((1, 1, 3))] * 4
-    if medium is not None:
-        ratio = ratio if medium.plate_ratio is None else medium.plate_ratio
-        tables = medium.veil, medium.attenuation, medium.diffuse, np.stack([medium.beam, medium.unscattered])
+    ratio = np.ones((1, 2, 3)) if medium.plate_ratio is None else medium.plate_ratio
+    tables = medium.veil, medium.attenuation, medium.diffuse, np.stack([medium.beam, medium.unscattered])
     textures = dict(zip(("veil", "attenuation", "diffuse", "beam"), map(texture_from_array, tables), strict=True))
     return textures | {"plate_ratio": texture_array_from_array(ratio[None])}
 
@@ -421,54 +384,41 @@ def write_level(level: Floats, planes: NDArray[np.int64], atlas: NDArray[np.floa
                     out[0, k], out[side + 1, k] = out[side, k], out[1, k]
 
 
-@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class StackTextures:
-    """A `CausticStack` on the device. ratio: its `mip_atlas`. plane_depth: (1, steps, 2) of each interval between its
-    planes: its depth, and one over its width (0 for one plane).
-    """
-
-    ratio: moderngl.TextureArray
-    plane_depth: moderngl.Texture
-
-
-class AtlasScratch:
-    """Memory for the atlases of stacks, and textures of stacks that nobody holds any more, to be written over: getting
-    pages of either takes the processor ten times as long as writing them.
+    """The textures of the last `CausticStack`. The next one of the same size is written over it: getting pages of new
+    memory, here or on the device, takes the processor ten times as long as writing them.
     """
 
     def __init__(self) -> None:
-        self.atlas: NDArray[np.float32] | None = None
-        self.lent: list[tuple[weakref.ref[StackTextures], moderngl.TextureArray]] = []
+        self._stack: CausticStack | None = None
+        self._atlas = np.zeros((0, 0, 0, 0), np.float32)
+        self._textures: dict[str, Any] = {}
 
+    def of(self, stack: CausticStack) -> dict[str, Any]:
+        """Return a stack's textures for caustic_lookup.glsl.
 
-def upload_stack(stack: CausticStack, scratch: AtlasScratch | None = None) -> StackTextures:
-    """Return a stack's textures, with its mip levels. scratch: None takes new memory."""
-    # One colour for all three where they are the same, and the light that has turned
-    ratio = np.asarray(stack.ratio, np.float32)
-    grey = ratio.strides[3] == 0 or bool(np.all(ratio[..., :1] == ratio[..., 1:]))
-    stacks = [mip_levels(ratio[..., :1] if grey else ratio)]
-    if stack.soft is not None:
-        stacks.append(mip_levels(np.asarray(stack.soft, np.float32)))
-    scratch = AtlasScratch() if scratch is None else scratch
-    scratch.atlas = mip_atlas(*stacks, scratch=scratch.atlas)
-    # Into a texture of the same size that nobody holds any more, or a new one
-    layers, height, width, channels = scratch.atlas.shape
-    lent, texture = scratch.lent, None
-    scratch.lent = []
-    for holder, free in lent:
-        if holder() is not None:
-            scratch.lent.append((holder, free))
-        elif texture is None and (*free.size, free.components) == (width, height, layers, channels):
-            texture = free
-    if texture is None:
-        texture = texture_array_from_array(scratch.atlas)
-    else:
-        texture.write(scratch.atlas, alignment=1)
-    # graphics hardware filters with weights of 8 bits: an error of up to 1/512 of the difference of two pixels
-    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    depth = np.asarray(stack.depth_m, np.float64)
-    inverse = 1.0 / np.diff(depth) if len(depth) > 1 else np.zeros(1)
-    steps = np.stack([depth[: len(inverse)], inverse], axis=-1)[None].astype(np.float32)
-    textures = StackTextures(texture, texture_from_array(steps))
-    scratch.lent.append((weakref.ref(textures), texture))
-    return textures
+        caustic_ratio: its `mip_atlas`. plane_depth: (1, steps, 2) of each interval between its planes: its depth, and
+        one over its width (0 for one plane).
+        """
+        if stack is self._stack:
+            return self._textures
+        # One colour for all three where they are the same, and the light that has turned
+        ratio, before = np.asarray(stack.ratio, np.float32), self._atlas
+        grey = ratio.strides[3] == 0 or bool(np.all(ratio[..., :1] == ratio[..., 1:]))
+        stacks = [mip_levels(ratio[..., :1] if grey else ratio)]
+        if stack.soft is not None:
+            stacks.append(mip_levels(np.asarray(stack.soft, np.float32)))
+        self._atlas = mip_atlas(*stacks, scratch=before)
+        if self._atlas is before:
+            texture = self._textures["caustic_ratio"]
+            texture.write(self._atlas, alignment=1)
+        else:
+            texture = texture_array_from_array(self._atlas)
+        # graphics hardware filters with weights of 8 bits: an error of up to 1/512 of the difference of two pixels
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        depth = np.asarray(stack.depth_m, np.float64)
+        inverse = 1.0 / np.diff(depth) if len(depth) > 1 else np.zeros(1)
+        steps = np.stack([depth[: len(inverse)], inverse], axis=-1)[None].astype(np.float32)
+        self._textures = {"caustic_ratio": texture, "plane_depth": texture_from_array(steps)}
+        self._stack = stack
+        return self._textures

@@ -16,23 +16,12 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, PartOf, Same
 from mr360uw.base.threads import one_blas_thread
-from mr360uw.base.tile_blend import BLOCK
-from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.base.tile_blend import BLOCK, BlockGround
 from mr360uw.composite.aovs import AovFrame, Aovs
-from mr360uw.composite.gl.device import (
-    MeshBuffers,
-    Places,
-    ShadingInputs,
-    ShadingTextures,
-    Targets,
-    list_texture,
-    upload_mesh,
-    upload_still,
-)
+from mr360uw.composite.gl.device import ShadingInputs, ShadingTextures, Targets, list_texture
 from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of
 from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.light_sources import scattered_share, sun_of, widest_half_angle
-from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.over_plate import empty_tile, hold_out
 from mr360uw.composite.raycast import object_rectangles
 from mr360uw.composite.receiver.blocks import (
@@ -42,7 +31,6 @@ from mr360uw.composite.receiver.blocks import (
     GroundReach,
     Indices,
     Prepared,
-    Touched,
     changed_blocks,
     enlarged,
     free_images,
@@ -54,7 +42,6 @@ from mr360uw.composite.receiver.blocks import (
 from mr360uw.composite.receiver.ratio import (
     FADE_FROM,
     SEEN,
-    BlockIrradiance,
     Gathered,
     four_corners,
     gather_images,
@@ -66,19 +53,14 @@ from mr360uw.composite.tiles import even_tiles, places_in_mask
 from mr360uw.gl import gl_context
 from mr360uw.types import Floats, Layer
 
-_KEPT_MESHES = 64
-"""Meshes on the device. Poses are kept as many as the shot has: the next one has others."""
-
 
 class LayerRenderer:
     """Draws the layers of shots. cache: values kept between shots. One renderer for each OpenGL thread."""
 
     def __init__(self, cache: Cache | None = None) -> None:
         self._cache = Cache() if cache is None else cache
-        self._meshes, self._targets = _DeviceMeshes(self._cache), Targets()
-        self._light = ShadingTextures(self._cache)
-        self._objects = ObjectPass(self._targets, self._meshes.buffers, self._cache)
-        self._receiver = ReceiverPass(self._targets, self._cache)
+        self._light, targets = ShadingTextures(self._cache), Targets()
+        self._objects, self._receiver = ObjectPass(targets, self._cache), ReceiverPass(targets, self._cache)
 
     def render(self, shot: Shot) -> Layer:
         """Return the layer of a shot, as `reference.render_layer` does."""
@@ -102,56 +84,19 @@ class LayerRenderer:
         if not object_parts and prepared.reach is None:
             return Layer(view.height, view.width, ())
         gl_context().gc()  # releases what nothing refers to any more
-        self._meshes.poses = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
-        self._meshes.add_places(ambient)
         light = self._light.of(shot)
         surfaces = self._objects.find(shot) if object_parts else None
         gaps = surfaces.layers[-1].gaps if surfaces is not None and surfaces.layers else NO_GAPS
         on_blocks = self._receiver.light(shot, light, prepared.reach, gaps)
-        parts = object_parts + ([] if on_blocks is None else rectangles_of_blocks(on_blocks.blocks, view))
+        parts = object_parts + ([] if on_blocks is None else rectangles_of_blocks(on_blocks[0], view))
         tiles = even_tiles(parts, view.width, view.height)
         drawn = [empty_tile(part, bare=on_blocks is not None) for part in tiles]
         if surfaces is not None:
             self._objects.draw((shot, light, surfaces), drawn, frame, ambient)
-        ground = None
-        if on_blocks is not None:
-            ground = ground_of(on_blocks, view.width, view.height, shot.pattern, shot.unseen)
-        layer = Layer(view.height, view.width, tuple(drawn), ground)
+        layer = Layer(view.height, view.width, tuple(drawn), None if on_blocks is None else on_blocks[1])
         if not shot.has_mattes:
             return layer
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in layer.laid().tiles))
-
-
-class _DeviceMeshes:
-    """The device's copies of meshes. poses: how many meshes in a pose the shot has."""
-
-    def __init__(self, cache: Cache) -> None:
-        self._cache = cache
-        self.poses = 0
-        self._places: dict[Mesh, Places] = {}
-
-    def add_places(self, ambient: AmbientLight | None) -> None:
-        """Note the points of ambient light of meshes at rest whose values are to be read."""
-        if ambient is None:
-            return
-        for body, values in zip(ambient.layout.bodies, ambient.values, strict=False):
-            if values is None:
-                continue
-            still, places = body.placed.mesh.still, body.transfer.lattice.places
-            known = self._places.pop(still, None)
-            if known is None or (known.whole is not places and not np.array_equal(known.whole, places)):
-                known = PartOf(places, Same(places))  # they count by identity: to read them takes a millisecond
-            self._places[still] = known
-        while len(self._places) > max(_KEPT_MESHES, len(ambient.values)):
-            del self._places[next(iter(self._places))]
-
-    def buffers(self, mesh: Mesh) -> MeshBuffers:
-        """Return the device's copy of a mesh."""
-        still, places = mesh.still, self._places.get(mesh.still)
-        if mesh.rest is None:
-            return self._cache.of(upload_mesh, mesh, places, keep=_KEPT_MESHES)
-        shared = self._cache.of(upload_still, still, places, keep=_KEPT_MESHES)
-        return self._cache.of(upload_mesh, mesh, None, shared, keep=max(self.poses, 1))
 
 
 # --- The pass over the ground ---------------------------------------------------------------------------------------
@@ -204,32 +149,36 @@ class ReceiverPass:
     def __init__(self, targets: Targets, cache: Cache) -> None:
         self._targets, self._cache = targets, cache
 
-    def light(self, shot: Shot, light: ShadingInputs, reach: GroundReach | None, gaps: Gaps) -> BlockIrradiance | None:
-        """Return the light on the blocks that change; None where none do. gaps: of pixels that bodies cover partly."""
+    def light(
+        self, shot: Shot, light: ShadingInputs, reach: GroundReach | None, gaps: Gaps
+    ) -> tuple[Blocks, BlockGround] | None:
+        """Return the blocks that change and the light on them; None where none do. gaps: of pixels that bodies cover
+        partly.
+        """
         if reach is None or shot.receiver is None:
             return None
         # Find what is seen of the sun, which does not depend on its light; what was prepared serves other frames too
         reach = replace(reach, corner=reach.corner.copy())
-        touched, ground = reach.touched, reach.touched.ground
+        ground = reach.ground
         shown = {"SHADOW"} if shot.receiver.shadow else set()
         shown |= {"CAUSTICS"} if shot.receiver.caustics else set()
         of_sun = light.defines.keys() & shown
-        shaded = touched.shaded & ("SHADOW" in light.defines)
+        shaded = reach.shaded & ("SHADOW" in light.defines)
         through = None if shot.medium is None else Same(shot.medium.unscattered)
-        of_blocks = PartOf(touched, Same(ground), shaded, touched.lamplit)
+        of_blocks = PartOf(reach, Same(ground), shaded, reach.lamplit)
         alike = PartOf((shot, light), light.visibility.of_sun, through, shot.receiver)
         sight = self._cache.of(self._sight, alike, of_blocks, shaded, "CAUSTICS" in of_sun, gaps, keep=2)
         reach.corner[(*sight.at, SEEN)] = sight.value
         # Leave out the blocks that do not change by the light at their corners
-        blocks = touched.blocks
+        blocks = reach.blocks
         if "CAUSTICS" not in of_sun:
-            blocks = changed_blocks(shot, reach, blocks) | (blocks & (touched.lamplit | sight.edge))
+            blocks = changed_blocks(shot, reach, blocks) | (blocks & (reach.lamplit | sight.edge))
         set_plate_light(shot, reach, blocks)
         j, i = places_in_mask(blocks)
         if len(j) == 0:
             return None
         # Take the sun at pixels on edges of level ground; draw all else pixel by pixel, with the features that it needs
-        edge, lamplit = sight.edge[j, i], touched.lamplit[j, i]
+        edge, lamplit = sight.edge[j, i], reach.lamplit[j, i]
         rough = ground.rough[j, i] | lamplit
         wavy = ~rough & ~sight.umbra[j, i] & ("CAUSTICS" in of_sun)
         even = ~rough & ~wavy & edge
@@ -253,14 +202,13 @@ class ReceiverPass:
         free, count = free_images(shot, reach, j, i, gaps), len(j)
         seen, waves = gather_images(count, 1, parts["seen"]), gather_images(count, 3, parts["waves"])
         shape, added = gather_images(count, 7, parts["shape"]), gather_images(count, 3, parts["added"])
-        return BlockIrradiance(blocks, reach.corner, (free, seen, waves, shape, added))
+        return blocks, ground_of(shot, blocks, reach.corner, (free, seen, waves, shape, added))
 
     def _sight(
-        self, alike: PartOf[_Lit], of_blocks: PartOf[Touched], shaded: Blocks, waves: bool, gaps: Gaps
+        self, alike: PartOf[_Lit], of_blocks: PartOf[GroundReach], shaded: Blocks, waves: bool, gaps: Gaps
     ) -> SunSight:
         """Return what the shaded blocks (R, C) of the ground see of a shot's sun. waves: whether caustics show."""
-        (shot, light), touched = alike.whole, of_blocks.whole
-        ground, sun = touched.ground, sun_of(shot)
+        (shot, light), ground, sun = alike.whole, of_blocks.whole.ground, sun_of(alike.whole[0])
         edge, umbra = np.zeros((2, *shaded.shape), np.bool_)
         halo = np.full((*shaded.shape, 4), -1.0, np.float32)
         if not np.any(shaded) or sun is None:
@@ -293,7 +241,7 @@ class ReceiverPass:
         interpolable = (of_halo >= _WIDE * reach) & (missed <= SMOOTH)
         halo[mj, mi] = np.where(interpolable[:, None], halo_four, -1.0)
         # On level ground, refine those that show nothing else
-        pixels, own = None, found & ~ground.rough[mj, mi] & ~touched.lamplit[mj, mi]
+        pixels, own = None, found & ~ground.rough[mj, mi] & ~of_blocks.whole.lamplit[mj, mi]
         if level and not waves and np.any(own):
             pixels = self._refined((shot, light), ground, gaps, mj[own], mi[own], halo[mj, mi][own], sharp[own])
         return SunSight((cj, ci), visible[: len(cj), 0].astype(np.float32), edge, umbra, halo, pixels)
@@ -316,45 +264,46 @@ class ReceiverPass:
     def _pixels(
         self, lit: _Lit, ground: Ground, gaps: Gaps, j: Indices, i: Indices, halo: Floats, wanted: frozenset[str]
     ) -> dict[str, NDArray[np.float32]]:
-        """Return images (n, B, B, k) of blocks by their names in `BlockIrradiance`: at the pixels, or in their gaps.
+        """Return images (n, B, B, k) of blocks by their names in `light`: at the pixels, or in their gaps.
 
         wanted: features to compute, of SHADOW, CAUSTICS, ROUGH (all light, for rough blocks) and, with ROUGH, LAMPS.
         """
-        shape = None if _on_plane(lit[0], wanted) else ground.pixels(j, i)
+        # Rays are intersected with a plane itself, where no rough block wants the distance too
+        receiver = lit[0].receiver
+        assert receiver is not None
+        on_plane = receiver.plane_y is not None and "ROUGH" not in wanted
+        shape = None if on_plane else ground.pixels(j, i)
         named = self._samples(lit, float(BLOCK) * np.stack([i, j], axis=-1), halo, wanted, (BLOCK, 1), shape)
+        # Partly covered pixels are looked at in their gaps, with shadows averaged over their areas
         some, block = ground.gaps_in(gaps, j, i)
         if len(block):
-            for name, image in self._at_gaps(lit, ground, some, wanted).items():
+            in_gaps: Floats | None = None
+            if not on_plane:
+                point, normal = ground.meet(*some.place.T)
+                in_gaps = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
+            unknown = np.full((len(block), 4), -1.0)
+            found = self._samples(lit, some.place - 0.5, unknown, wanted, (1, 1), in_gaps, some.area)
+            for name, image in found.items():
                 named[name][block, some.row % BLOCK, some.column % BLOCK] = image[:, 0, 0]
         return named
-
-    def _at_gaps(self, lit: _Lit, ground: Ground, gaps: Gaps, wanted: frozenset[str]) -> dict[str, NDArray[np.float32]]:
-        """Return what `_pixels` does in gaps, (n, 1, 1, k), with shadows averaged over their areas."""
-        shape = None
-        if not _on_plane(lit[0], wanted):
-            point, normal = ground.meet(*gaps.place.T)
-            shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
-        halo = np.full((len(gaps.place), 4), -1.0)
-        return self._samples(lit, gaps.place - 0.5, halo, wanted, (1, 1), shape, gaps.area)
 
     def _samples(
         self, lit: _Lit, origin: Floats, halo: Floats, wanted: frozenset[str], grid: tuple[int, int],
         shape: Floats | None = None, area: Floats | None = None,
     ) -> dict[str, NDArray[np.float32]]:  # fmt: skip
-        """Return images (n, side, side, k) of samples of blocks, by their names in `BlockIrradiance`.
+        """Return images (n, side, side, k) of samples of blocks, by their names in `light`.
 
         grid: side, and pixels from one sample to the next. origin: (n, 2) frame coordinates of the blocks' corners.
         halo: (n, 4) visible fraction of the halo there, negative where it is found for each sample. shape: (n, side,
         side, 4) normal and distance; None for a plane. area: (n, 5) of the frame that samples represent; None for
         pixels.
         """
-        (shot, light), (side, spacing) = lit, grid
+        (shot, light), side = lit, grid[0]
         named: dict[str, NDArray[np.float32]] = {}
         footprints: Floats = np.zeros((0, 12))
         if wanted & {"SHADOW", "LAMPS"}:
             of_frame = np.array(WHOLE_PIXEL) if area is None else area
-            plane_m = _plane_m(shot)
-            footprints = footprints_of(shot.view, origin, of_frame, side, spacing, surface=shape, plane_m=plane_m)
+            footprints = footprints_of(shot.view, origin, of_frame, grid, _plane_m(shot) if shape is None else shape)
         if "SHADOW" in wanted:
             known = np.full((len(footprints), 2), -1.0)
             known[:, 1] = _within(halo, side).ravel()
@@ -390,11 +339,6 @@ class ReceiverPass:
         named = {"waves": values[..., :3]} if "CAUSTICS" in wanted else {}
         named |= {"shape": values[..., 4:11]} if "ROUGH" in wanted else {}
         return named | ({"added": values[..., 12:15]} if "LAMPS" in wanted else {})
-
-
-def _on_plane(shot: Shot, wanted: frozenset[str]) -> bool:
-    """Return whether rays are intersected with the receiver itself: a plane without rough blocks."""
-    return shot.receiver is not None and shot.receiver.plane_y is not None and "ROUGH" not in wanted
 
 
 def _plane_m(shot: Shot) -> float:

@@ -199,31 +199,35 @@ def _fans(count: int) -> tuple[NDArray[np.float32], Floats]:
 
 
 def footprints_of(
-    view: View, corner: Floats, area: Floats, side: int, spacing: float, *, surface: Floats | None = None,
-    plane_m: float = 0.0, bias: Floats | float = 0.0, step: float = 1.0,
+    view: View, corner: Floats, area: Floats, grid: tuple[int, float], surface: Floats | float,
+    bias: Floats | float = 0.0, step: float = 1.0,
 ) -> Floats:  # fmt: skip
     """Return the footprints (n, 12) of `Visibility.seen` of areas of a frame, side x side in each of m blocks, in
     order.
 
-    corner: (m, 2) of the blocks in the frame. area: (m, 5) as of `sampling.frame_areas`. spacing: pixels from one to
-    the next in a block. surface: (n, 4) unit normal in the world and distance along the ray; None for a level plane,
-    which is `plane_m` above the camera. bias: (m,) [m] by which footprints are off the surface. step: pixels over which
+    corner: (m, 2) of the blocks in the frame. area: (m, 5) as of `sampling.frame_areas`. grid: side, and pixels from
+    one to the next in a block. surface: (n, 4) unit normal in the world and distance along the ray, or the height [m]
+    of a level plane above the camera. bias: (m,) [m] by which footprints are off the surface. step: pixels over which
     they are measured.
     """
+    side, spacing = grid
     found, blocks = np.empty((len(corner) * side * side, 12)), np.zeros((len(corner), 8))
     blocks[:, :2], blocks[:, 2:7], blocks[:, 7] = corner, area, bias
-    along = np.zeros((0, 4)) if surface is None else np.asarray(surface, np.float64).reshape(-1, 4)
+    plane_m = surface if isinstance(surface, float) else 0.0
+    along = np.zeros((0, 4)) if isinstance(surface, float) else np.asarray(surface, np.float64).reshape(-1, 4)
     frame = np.array([view.width, view.height, view.eye_m, step, spacing], np.float64)
     axes = np.ascontiguousarray(view.world_from_camera, np.float64)
-    _make_footprints(blocks, along, float(plane_m), frame, axes, side, found)
+    _make_footprints(blocks, along, plane_m, frame, axes, side, found)
     return found
 
 
 @inlined
-def _step(px: Any, py: Any, pz: Any, nx: Any, ny: Any, nz: Any, dx: Any, dy: Any, dz: Any, pixels: Any) -> Any:
-    """Return the derivative (3) of a point p on a plane with the normal n by a frame coordinate, as `pixel_steps` of
-    composite/raycast.py. d: direction that lies `pixels` pixels farther.
+def _step(point: Any, normal: Any, direction: Any, pixels: Any) -> Any:
+    """Return the derivative (3) of a point on a plane by a frame coordinate, as `pixel_steps` of composite/raycast.py.
+
+    direction: of the ray that lies `pixels` pixels farther.
     """
+    (px, py, pz), (nx, ny, nz), (dx, dy, dz) = point, normal, direction
     cosine = nx * dx + ny * dy + nz * dz
     along = (nx * px + ny * py + nz * pz) / cosine if abs(cosine) > 1e-6 else 0.0
     far = math.sqrt(px * px + py * py + pz * pz)
@@ -270,8 +274,8 @@ def _make_footprints(
             dx, dy, dz = _turned(axes, o * ls, s, -o * lc)
             right_s, right_c = ls * turn_c + lc * turn_s, lc * turn_c - ls * turn_s
             below_s, below_c = s * tip_c - o * tip_s, o * tip_c + s * tip_s
-            rx, ry, rz = _turned(axes, o * right_s, s, -o * right_c)
-            qx, qy, qz = _turned(axes, below_c * ls, below_s, -below_c * lc)
+            right = _turned(axes, o * right_s, s, -o * right_c)
+            below = _turned(axes, below_c * ls, below_s, -below_c * lc)
             start_x, start_y, start_z = _turned(axes, eye * o * lc, 0.0, eye * o * ls)
             # The surface that it meets
             nx, ny, nz, far = 0.0, 1.0, 0.0, (plane_m - start_y) / dy
@@ -281,8 +285,8 @@ def _make_footprints(
                 nx, ny, nz = -nx, -ny, -nz
             px, py, pz = far * dx, far * dy, far * dz
             # The footprint of the area there
-            rx, ry, rz = _step(px, py, pz, nx, ny, nz, rx, ry, rz, step)
-            qx, qy, qz = _step(px, py, pz, nx, ny, nz, qx, qy, qz, step)
+            rx, ry, rz = _step((px, py, pz), (nx, ny, nz), right, step)
+            qx, qy, qz = _step((px, py, pz), (nx, ny, nz), below, step)
             off_x, off_y, xx, xy, yy, bias = block[2], block[3], block[4], block[5], block[6], block[7]
             found = footprints[n]
             found[0] = px + start_x + off_x * rx + off_y * qx + bias * nx
@@ -309,15 +313,14 @@ def _in_slot(slot: Any, x: Any, y: Any, z: Any) -> Any:
 
 
 @inlined
-def _across(
-    slot: Any, x: Any, y: Any, z: Any, radius: Any, deep: Any, slope_x: Any, slope_y: Any, tilt: Any, spread: Any
-) -> Any:
+def _across(slot: Any, middle: Any, radius: Any, deep: Any, slope: Any, tilt: Any, spread: Any) -> Any:
     """Return the disc of which a ball sees all parts of a body: its middle (2) from that of the slot, and its radius,
     which is negative where it misses the slot.
 
-    x, y, z: middle of the ball in the slot's axes; radius, deep: its radius across and along the light. slope_x,
-    slope_y: of the middle of a disc of light, tilt: half their length, spread: tangent of its radius.
+    middle: of the ball in the slot's axes; radius, deep: its radius across and along the light. slope: (2) of the
+    middle of a disc of light, tilt: half its length, spread: tangent of its radius.
     """
+    (x, y, z), (slope_x, slope_y) = middle, slope
     high, low = slot[5] - z + deep, max(slot[4] - z - deep, 0.0)
     wide, along = radius + spread * high + tilt * (high - low), 0.5 * (low + high)
     at_x, at_y = x + along * slope_x - slot[0], y + along * slope_y - slot[1]
@@ -365,12 +368,12 @@ def _find_hidden(places: Any, lights: Any, columns: Any, found: Any) -> None:
             if body == 0:
                 x, y, z = _in_slot(slot, places[n, 0], places[n, 1], places[n, 2])
             below = slot[4] - z - radius
-            disc = _across(slot, x, y, z, radius, radius, slope_x, slope_y, tilt, lights[widest, 2])
+            disc = _across(slot, (x, y, z), radius, radius, (slope_x, slope_y), tilt, lights[widest, 2])
             if disc[2] >= 0.0:
                 part, whole = _between(values[body], slot, size, clear, disc, below >= 0.0)
             if part:
                 hidden, gap = max(hidden, 3.0 if whole else 2.0), min(gap, max(below, 0.0))
-                disc = _across(slot, x, y, z, radius, radius, slope_x, slope_y, tilt, lights[DISC, 2])
+                disc = _across(slot, (x, y, z), radius, radius, (slope_x, slope_y), tilt, lights[DISC, 2])
                 if disc[2] >= 0.0:
                     part, whole = _between(values[body], slot, size, clear, disc, below >= 0.0)
                     part_of_disc, all_of_disc = part_of_disc or part, all_of_disc or whole
@@ -428,7 +431,7 @@ def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any,
                     if lamp:
                         scale = max(z, 0.0) / slot[6]
                         wide, deep, spread = 2.0 * radius * scale, radius * scale * scale, light[8] / slot[6]
-                    disc = _across(slot, x, y, z, wide, deep, light[3], light[4], tilt, spread)
+                    disc = _across(slot, (x, y, z), wide, deep, (light[3], light[4]), tilt, spread)
                     if disc[2] >= 0.0 and (z > 0.0 or not lamp):
                         below = slot[4] - z - deep >= 0.0
                         near[body, count], whole = _between(values[body], slot, size, clear, disc, below)

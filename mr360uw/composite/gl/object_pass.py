@@ -14,7 +14,7 @@ first; a pixel between others of the same surface that all see the whole sun, or
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,15 @@ from mr360uw.base.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED, Lattice
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.device import MeshBuffers, ShadingInputs, Targets, list_texture
+from mr360uw.composite.gl.device import (
+    MeshBuffers,
+    Places,
+    ShadingInputs,
+    Targets,
+    list_texture,
+    upload_mesh,
+    upload_still,
+)
 from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Visibility, footprints_of
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
 from mr360uw.composite.light_sources import sun_of
@@ -45,23 +53,22 @@ _PARTS = 256
 """Groups of fragments of one mesh in one layer, of which it is kept what they see of the sun."""
 _KEPT = 1 << 21
 """Most fragments, about 100 bytes each, kept between frames."""
+_KEPT_MESHES = 64
+"""Meshes on the device. Poses are kept as many as the shot has: the next one has others."""
 
 
-Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
-"""Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and the meshes that
-have any."""
+Bodies = tuple["moderngl.Texture", dict[Mesh, Places]]
+"""Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and those points of
+the meshes that have any."""
 _Lit = tuple[Shot, ShadingInputs, Surfaces]
 """A shot, its light on the device, and the visible surfaces of its objects."""
 
 
 class ObjectPass:
-    """Draws and shades the objects of shots; caches the fragments while objects and camera are at rest.
+    """Draws and shades the objects of shots; caches meshes, and the fragments while objects and camera are at rest."""
 
-    buffers: returns the device's copy of a mesh.
-    """
-
-    def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
-        self._targets, self._buffers, self._cache, self._scratch = targets, buffers, cache, Scratch()
+    def __init__(self, targets: Targets, cache: Cache) -> None:
+        self._targets, self._cache, self._scratch = targets, cache, Scratch()
 
     def find(self, shot: Shot) -> Surfaces:
         """Return the visible surfaces of a shot's objects."""
@@ -102,18 +109,18 @@ class ObjectPass:
 
     def _body_list(
         self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None
-    ) -> tuple[list[NDArray[np.float32]], frozenset[Mesh]]:
+    ) -> tuple[list[NDArray[np.float32]], dict[Mesh, Places]]:
         """Return where bodies are, and the values of ambient light on them, as `Bodies` has them."""
         table = np.zeros((len(objects), 4, 4), np.float32)
         values, texels = [table], 4 * len(objects)
         # Of a mesh that has any values on one of its bodies all have some
         of_bodies: dict[PlacedObject, tuple[Lattice, Any]] = {}
-        changed = set()
+        changed: dict[Mesh, Places] = {}
         if ambient is not None:
             for placed, of, known in zip(shot.objects, ambient.layout.bodies, ambient.values, strict=False):
                 of_bodies[placed] = of.transfer.lattice, known
-                if placed.visible and known is not None:
-                    changed.add(placed.mesh)
+                if placed.visible and known is not None:  # places count by identity: to read them takes a millisecond
+                    changed[placed.mesh] = PartOf(of.transfer.lattice.places, Same(of.transfer.lattice.places))
         for row, placed in zip(table, objects, strict=True):
             row[:3] = placed.world_from_object[:3]
             row[:3, 3] -= shot.view.position
@@ -125,7 +132,7 @@ class ObjectPass:
             row[3, 1:4] = texels, lattice.points if lattice.two_sided else 0, own.shape[1] // 4
             values.append(own)
             texels += own.size // 4
-        return values, frozenset(changed)
+        return values, changed
 
     def _light_up(
         self, lit: _Lit, parts: Sequence[MeshFragments], count: int, bodies: Bodies, blended: bool, outputs: int
@@ -135,11 +142,11 @@ class ObjectPass:
         uniforms = light.uniforms | {"filter_width": filter_width(shot.draw.samples, shot.draw.shading)}
         for part in parts:
             # Give them the mesh, the bodies' values and the light, and compile what these need, and no more
-            buffers = self._buffers(part.mesh)
-            defines = {"OUTPUTS": outputs} | buffers.defines | light.defines
+            of_mesh, defines = self._on_device(part.mesh, bodies[1].get(part.mesh), shot)
+            defines = {"OUTPUTS": outputs} | defines | light.defines
             defines |= {"BLENDED": 1} if blended else {}
             defines |= {"AMONG_BODIES": 1} if part.mesh in bodies[1] else {}
-            textures = {"bodies": bodies[0], **buffers.textures, **light.textures}
+            textures = {"bodies": bodies[0], **of_mesh, **light.textures}
             textures["fragments"] = surfaces.cache.of(_entries, part, keep=_PARTS)
             # And what they see of the sun and of lamps
             whole, visibility = (shot, light.visibility, surfaces), light.visibility
@@ -152,6 +159,14 @@ class ObjectPass:
             shaded = self._targets.shaded("layer", defines, textures, uniforms, len(part.listed), _CHANNELS[outputs])
             values[part.chosen] = shaded
         return values
+
+    def _on_device(self, mesh: Mesh, places: Places | None, shot: Shot) -> MeshBuffers:
+        """Return the device's copy of a mesh of a shot. places: its points of ambient light; None without them."""
+        if mesh.rest is None:
+            return self._cache.of(upload_mesh, mesh, places, keep=_KEPT_MESHES)
+        poses = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
+        shared = self._cache.of(upload_still, mesh.still, places, keep=_KEPT_MESHES)
+        return self._cache.of(upload_mesh, mesh, None, shared, keep=poses)
 
 
 def _entries(part: MeshFragments) -> moderngl.Texture:
@@ -195,7 +210,7 @@ def _footprints(shot: Shot, visibility: Visibility, listed: Floats, surface: Flo
     in_world = np.append(surface[:, :3] @ shot.view.world_from_camera.T, surface[:, 3:], axis=1)
     width = filter_width(shot.draw.samples, shot.draw.shading)
     places, areas = listed[:, 1:3] - 0.5, listed[:, 4:]
-    return footprints_of(shot.view, places, areas, 1, 1.0, surface=in_world, bias=bias, step=width)
+    return footprints_of(shot.view, places, areas, (1, 1.0), in_world, bias, width)
 
 
 @exact

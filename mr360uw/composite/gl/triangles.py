@@ -31,20 +31,6 @@ _MODES = ("OPAQUE", "MASK", "BLEND")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenTriangles:
-    """Triangles (T,) of one object, as a camera sees them.
-
-    facets: (T, 10). nearest: (T,) at least one over their distance. rectangle: (T, 4) of the pixels that they may
-    cover, first and last column and row; the last row is before the first where they face away. Columns may run beyond
-    the frame, around the seam.
-    """
-
-    facets: NDArray[np.float32]
-    nearest: NDArray[np.float32]
-    rectangle: NDArray[np.int32]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class MeshLooks:
     """What is the same in all poses of a mesh. kind: (T,) index of the alpha mode. two_sided: (T,). pieces: how many.
 
@@ -82,8 +68,11 @@ def mesh_looks(mesh: Mesh) -> MeshLooks:
     return MeshLooks(kind, two_sided[mesh.material], int(mesh.patch.max(initial=-1)) + 1, cut, cuts, maps)
 
 
-def seen_triangles(placed: PlacedObject, of_view: PartOf[View], looks: MeshLooks) -> SeenTriangles:
-    """Return the triangles of an object as the camera of a view sees them."""
+def seen_triangles(placed: PlacedObject, of_view: PartOf[View], looks: MeshLooks) -> tuple[NDArray[Any], ...]:
+    """Return the triangles (T,) of an object as the camera of a view sees them: facets (T, 10); at least one over their
+    distance (T,); and rectangles (T, 4) of the pixels that they may cover, first and last column and row. The last row
+    is before the first where they face away. Columns may run beyond the frame, around the seam.
+    """
     view, positions = of_view.whole, placed.mesh.positions
     count = len(positions)
     matrix = np.empty((3, 4))
@@ -93,7 +82,7 @@ def seen_triangles(placed: PlacedObject, of_view: PartOf[View], looks: MeshLooks
     rectangle = np.empty((count, 4), np.int32)
     frame = float(view.width), float(view.height), float(view.eye_m)
     _project(np.asarray(positions, np.float64), matrix, looks.two_sided, frame, (facets, nearest, rectangle))
-    return SeenTriangles(facets, nearest, rectangle)
+    return facets, nearest, rectangle
 
 
 def make_blocks(rectangle: NDArray[np.int32], nearest: NDArray[np.float32], view: View) -> tuple[Any, ...]:
@@ -125,7 +114,7 @@ _LARGEST = 1e30
 
 @exact
 def _project(positions: Any, matrix: Any, two_sided: Any, frame: Any, seen: Any) -> None:
-    """Set the arrays of `SeenTriangles`, seen. positions: (T, 3, 3) of a mesh, matrix: (3, 4) from its axes to the
+    """Set the arrays of `seen_triangles`, seen. positions: (T, 3, 3) of a mesh, matrix: (3, 4) from its axes to the
     camera's. frame: its width and height, and the eye [m] to the right of the middle of a stereo camera, 0 for one.
     """
     (width, height, eye), (facets, nearest, rectangle) = frame, seen

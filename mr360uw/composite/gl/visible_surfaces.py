@@ -106,10 +106,10 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     of_view, looks, seen, numbers, pieces = PartOf(view, view), [], [], [0], 0
     for placed in objects:
         look = cache.of(mesh_looks, placed.mesh.still, keep=keep)
-        one = cache.of(seen_triangles, placed, of_view, look, keep=keep)
-        seen.append((one.facets, one.nearest, one.rectangle, look.kind, placed.mesh.patch + pieces))
+        seen_by_camera = cache.of(seen_triangles, placed, of_view, look, keep=keep)
+        seen.append((*seen_by_camera, look.kind, placed.mesh.patch + pieces))
         looks.append(look)
-        numbers.append(numbers[-1] + len(one.nearest))
+        numbers.append(numbers[-1] + len(look.kind))
         pieces += look.pieces
     first = np.array(numbers)
     if first[-1] == 0:

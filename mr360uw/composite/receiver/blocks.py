@@ -140,10 +140,14 @@ class Ground:
             self.corner_point[corners] = point[corners]
             if not self.level:
                 self.corner_normal[corners] = normal[corners]
-            # Find which of them their corners represent, and how far they reach
+            # Find which of them have their corners and middle on the receiver, and how far they reach
             j, i = places_in_mask(new)
-            limit = FADE_FROM * self._shape.extent_m
-            _measure_blocks(j, i, self.corner_point, self.middle_point, limit, _REACH, self.broken, self.reach_m)
+            four = four_corners(self.corner_point, j, i).astype(np.float64)
+            middle = self.middle_point[j, i, None].astype(np.float64)
+            squared = np.sum(np.concatenate([four, middle], axis=1) ** 2, axis=-1)
+            limit = (FADE_FROM * self._shape.extent_m) ** 2
+            self.broken[j, i] |= np.any((squared == 0.0) | (squared > limit), axis=1)
+            self.reach_m[j, i] = _REACH * np.sqrt(np.sum((four - middle) ** 2, axis=-1).max(axis=1))
             self.rough[j, i] |= self.broken[j, i]
             if not self.level:
                 self._classify(j, i)
@@ -248,44 +252,12 @@ def _meet_level(xy: Any, wanted: Any, size: Any, axes: Any, ground: Any, point: 
                 point[j, i, 2] = from_z + distance * w
 
 
-@exact
-def _measure_blocks(
-    j: Any, i: Any, corner: Any, middle: Any, limit: Any, factor: Any, rough: Any, reach_m: Any
-) -> None:  # fmt: skip
-    """Mark blocks (n,) as rough whose corners or middle do not lie on the receiver, or farther away than `limit` [m].
-
-    corner: (R + 1, C + 1, 3), middle: (R, C, 3), from the camera. reach_m: (R, C) set to `factor` times the distance of
-    the farthest corner from the middle.
-    """
-    for n in range(len(j)):
-        r, c = j[n], i[n]
-        u, v, w = np.float64(middle[r, c, 0]), np.float64(middle[r, c, 1]), np.float64(middle[r, c, 2])
-        far = u * u + v * v + w * w
-        off, longest = far == 0.0, 0.0
-        for k in range(4):
-            p = corner[r + k // 2, c + k % 2]
-            x, y, z = np.float64(p[0]), np.float64(p[1]), np.float64(p[2])
-            squared = x * x + y * y + z * z
-            off |= squared == 0.0
-            far = max(far, squared)
-            longest = max(longest, (x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2)
-        rough[r, c] |= off or far > limit * limit
-        reach_m[r, c] = factor * np.sqrt(longest)
-
-
 # --- what may change -------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Touched:
-    """The receiver that a shot may change, by the bodies' boxes. blocks, shaded, lamplit: upper bounds (R, C) of its
-    blocks that change: at all, by the sun's shadow, by lamps.
-    """
-
-    ground: Ground
-    blocks: Blocks
-    shaded: Blocks
-    lamplit: Blocks
+Touched = tuple[Ground, Blocks, Blocks, Blocks]
+"""The receiver, and by the bodies' boxes upper bounds of its blocks that change: at all, by the sun's shadow, by lamps.
+"""
 
 
 def touched_ground(shot: Shot, cache: Cache) -> Touched | None:
@@ -300,7 +272,7 @@ def touched_ground(shot: Shot, cache: Cache) -> Touched | None:
     through = None if shot.medium is None else Same(shot.medium.attenuation)
     alike = PartOf(shot, shot.receiver, shot.casters, *of_light, through)
     touched = _touched(alike, ground) if lamps_of(shot) else cache.of(_touched, alike, ground)
-    return touched if np.any(touched.blocks) else None
+    return touched if np.any(touched[1]) else None
 
 
 def _touched(alike: PartOf[Shot], ground: Ground) -> Touched:
@@ -320,7 +292,7 @@ def _touched(alike: PartOf[Shot], ground: Ground) -> Touched:
         _mark(point, np.ascontiguousarray(normal), extent, boxes, spread, least, shaded, marks)
     if receiver.caustics and shot.caustics is not None and sun is not None:
         marks |= np.any(point != 0.0, axis=-1)
-    lamplit = _lamplit(shot, ground)
+    lamplit = _lamplit(shot, ground) if lamps_of(shot) else np.zeros(shape, np.bool_)
     marks |= lamplit
     if shot.medium is not None:
         # Look up the water before the far ones alone: the others are seen where it is densest
@@ -330,14 +302,12 @@ def _touched(alike: PartOf[Shot], ground: Ground) -> Touched:
         far = np.flatnonzero(distance * clearest >= -np.log(NEGLIGIBLE))
         j, i, distance = j[far], i[far], distance[far]
         marks[j, i] = transmittance_lookup(shot.medium, distance, point[j, i, 1] / distance).max(axis=-1) > NEGLIGIBLE
-    return Touched(ground, marks, shaded & marks, lamplit & marks)
+    return ground, marks, shaded & marks, lamplit & marks
 
 
 def _lamplit(shot: Shot, ground: Ground) -> Blocks:
     """Return the mask (R, C) of blocks around those that lamps light at their middle."""
     lit = np.zeros((ground.rows, ground.columns), np.bool_)
-    if not lamps_of(shot):
-        return lit
     point, normal = (a[::_LAMP_STEP, ::_LAMP_STEP] for a in (ground.middle_point, ground.middle_normal))
     j, i = places_in_mask(np.any(point != 0.0, axis=-1))
     places = point[j, i].astype(np.float64), normal[j, i].astype(np.float64)
@@ -440,11 +410,14 @@ def rectangles_of_blocks(blocks: Blocks, view: View) -> list[Rectangle]:
 class GroundReach:
     """The receiver that a shot may change, with all of its light that does not need the device.
 
-    touched: see there. ambient: what bodies leave of its light. corner: (R + 1, C + 1, 10) of `GroundLines`, as if the
-    sun were visible everywhere; `set_plate_light` fills in its first channels.
+    ground, blocks, shaded, lamplit: of `Touched`. ambient: what bodies leave of its light. corner: (R + 1, C + 1, 10)
+    of `GroundLines`, as if the sun were visible everywhere; `set_plate_light` fills in its first channels.
     """
 
-    touched: Touched
+    ground: Ground
+    blocks: Blocks
+    shaded: Blocks
+    lamplit: Blocks
     ambient: GroundField
     corner: NDArray[np.float32]
 
@@ -464,18 +437,16 @@ def prepare(shot: Shot, cache: Cache) -> Prepared:
     """Return what of a shot does not need the device, on any thread. cache: keeps what does not change."""
     with one_blas_thread():
         touched, ambient = touched_ground(shot, cache), ambient_light(shot, cache)
-        return Prepared(ambient, None if touched is None else _reach(shot, touched, ambient, cache))
-
-
-def _reach(shot: Shot, touched: Touched, ambient: AmbientLight | None, cache: Cache) -> GroundReach:
-    """Return the receiver that a shot may change, with the ambient light that bodies leave at its corners."""
-    ground, field = touched.ground, ground_field(shot, ambient, cache)
-    ground.load_blocks(touched.blocks)
-    corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
-    j, i = places_in_mask(ground.corners_of(touched.blocks))
-    corner[j, i, FREE] = field.at(*_places(ground, j, i))
-    corner[j, i, SEEN] = 1.0
-    return GroundReach(touched, field, corner)
+        if touched is None:
+            return Prepared(ambient, None)
+        # Find the ambient light that bodies leave at the corners of the receiver's blocks
+        (ground, blocks, _, _), field = touched, ground_field(shot, ambient, cache)
+        ground.load_blocks(blocks)
+        corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
+        j, i = places_in_mask(ground.corners_of(blocks))
+        corner[j, i, FREE] = field.at(*_places(ground, j, i))
+        corner[j, i, SEEN] = 1.0
+        return Prepared(ambient, GroundReach(*touched, field, corner))
 
 
 def _places(ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
@@ -491,10 +462,10 @@ def changed_blocks(shot: Shot, reach: GroundReach, blocks: Blocks) -> Blocks:
     Ambient and direct light have weights that add up to 1 (see ratio.py and pattern.py), and each factor on them is
     linear between the corners; only near a body and where the ambient light jumps it may be farther from 1 inside.
     """
-    ground, (j, i) = reach.touched.ground, places_in_mask(blocks)
-    marks = ground.broken[j, i] | _crossed(ground, reach.ambient)[j, i]
-    factors = reach.corner[..., FREE.start :]
-    _mark_changed(j, i, factors, ground.middle_point, ground.reach_m, _balls(shot), np.float32(shot.unseen), marks)
+    ground, (j, i) = reach.ground, places_in_mask(blocks)
+    most, near = np.zeros((2, len(j)), np.float32), np.zeros(len(j), np.bool_)
+    _survey(j, i, reach.corner[..., FREE.start :], ground.middle_point, ground.reach_m, _balls(shot), most, near)
+    marks = ground.broken[j, i] | _crossed(ground, reach.ambient)[j, i] | near | (most[1] > np.float32(shot.unseen))
     changed = np.zeros_like(blocks)
     changed[j[marks], i[marks]] = True
     return changed
@@ -502,7 +473,7 @@ def changed_blocks(shot: Shot, reach: GroundReach, blocks: Blocks) -> Blocks:
 
 def set_plate_light(shot: Shot, reach: GroundReach, blocks: Blocks) -> None:
     """Set the ambient share and the veil of the plate at the corners of blocks (R, C)."""
-    ground, corner = reach.touched.ground, reach.corner
+    ground, corner = reach.ground, reach.corner
     j, i = places_in_mask(ground.corners_of(blocks))
     point, normal = _places(ground, j, i)
     of = slice(None)
@@ -520,15 +491,16 @@ def free_images(shot: Shot, reach: GroundReach, j: Indices, i: Indices, gaps: Ga
 
     Partly covered pixels take it in their gaps.
     """
-    ground, field, free = reach.touched.ground, reach.ambient, reach.corner[..., FREE]
+    ground, field, free = reach.ground, reach.ambient, reach.corner[..., FREE]
     # Find the blocks whose light at the middle is not that between their corners, or may jump
     broken, rough = ground.broken[j, i], ground.rough[j, i]
-    change, near = np.zeros(len(j), np.float32), np.zeros(len(j), np.bool_)
-    _survey(j, i, free, ground.middle_point, ground.reach_m, _balls(shot), change, near)
+    most, near = np.zeros((2, len(j)), np.float32), np.zeros(len(j), np.bool_)
+    _survey(j, i, free, ground.middle_point, ground.reach_m, _balls(shot), most, near)
+    change = most[0]
     near &= ground.reach_m[j, i] > _PART_OF_GAP * field.gap_m
     uneven = ~broken & (near | rough | (change > SMOOTH))
     asked = j[uneven], i[uneven]
-    at_middle = _free(field, ground.middle_point[asked], ground.middle_normal[asked])
+    at_middle = field.at(ground.middle_point[asked], ground.middle_normal[asked])
     missed = np.zeros(len(j))
     missed[uneven] = np.abs(at_middle - four_corners(free, *asked).mean(axis=1)).max(axis=-1)
     crossed = _crossed(ground, field)
@@ -537,21 +509,21 @@ def free_images(shot: Shot, reach: GroundReach, j: Indices, i: Indices, gaps: Ga
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
-        quarters = _free(field, *_quarter_places(ground, shot.view.height, *of))
+        quarters = field.at(*_quarter_places(ground, shot.view.height, *of))
         values = np.maximum(enlarged(quarters), 0.0)  # past the outer samples lines go on
         sharp = crossed[of] | (missed_between(quarters) > SMOOTH)
         if np.any(sharp):
-            values[sharp] = _free(field, *ground.pixel_places(of[0][sharp], of[1][sharp]))
+            values[sharp] = field.at(*ground.pixel_places(of[0][sharp], of[1][sharp]))
         parts.append((uneven, values))
     if np.any(broken):
-        parts.append((broken, _free(field, *ground.pixel_places(j[broken], i[broken]))))
+        parts.append((broken, field.at(*ground.pixel_places(j[broken], i[broken]))))
     # Partly covered pixels take it in their gaps
     images = gather_images(len(j), 3, parts)
     own = np.flatnonzero(images.at >= 0)
     some, block = ground.gaps_in(gaps, j[own], i[own])
     if len(block):
         at = images.at[own][block], some.row % BLOCK, some.column % BLOCK
-        images.image[at] = _free(field, *ground.meet(*some.place.T))
+        images.image[at] = field.at(*ground.meet(*some.place.T))
     return images
 
 
@@ -594,11 +566,6 @@ def missed_between(images: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(_PAST_THE_LAST * np.maximum(*bends), np.float32)
 
 
-def _free(field: GroundField, point: Floats, normal: Floats) -> NDArray[np.float32]:
-    """Return the fraction (..., 3) of the ambient light that bodies leave at points and normals (..., 3)."""
-    return field.at(np.asarray(point, np.float64), np.asarray(normal, np.float64)).astype(np.float32)
-
-
 def enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return images (n, s, s, k) at the pixels of blocks, (n, B, B, k): straight lines, also past the outer samples."""
     side = images.shape[1]
@@ -612,37 +579,22 @@ def enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 @exact
-def _survey(j: Any, i: Any, corner: Any, middle: Any, reach_m: Any, balls: Any, change: Any, near: Any) -> None:
-    """Find how values change over blocks (n,), and which blocks reach into a ball.
+def _survey(j: Any, i: Any, corner: Any, middle: Any, reach_m: Any, balls: Any, most: Any, near: Any) -> None:
+    """Find how factors change over blocks (n,), and which blocks reach into a ball.
 
     corner: (R + 1, C + 1, k). middle: (R, C, 3) and reach_m: (R, C) of the blocks, balls: (b, 4) middle and radius, all
-    [m]. change: (n,) set to the largest difference of two corners in any channel; near: (n,) set.
-    """
-    for n in range(len(j)):
-        r, c = j[n], i[n]
-        change[n], near[n] = 0.0, False
-        for k in range(corner.shape[2]):
-            v00, v01, v10, v11 = corner[r, c, k], corner[r, c + 1, k], corner[r + 1, c, k], corner[r + 1, c + 1, k]
-            change[n] = max(change[n], max(v00, v01, v10, v11) - min(v00, v01, v10, v11))
-        for b in range(len(balls)):
-            x, y, z = middle[r, c, 0] - balls[b, 0], middle[r, c, 1] - balls[b, 1], middle[r, c, 2] - balls[b, 2]
-            far = balls[b, 3] + reach_m[r, c]
-            near[n] |= x * x + y * y + z * z < far * far
-
-
-@exact
-def _mark_changed(j: Any, i: Any, corner: Any, middle: Any, reach_m: Any, balls: Any, least: Any, marks: Any) -> None:
-    """Set the marks (n,) of blocks that reach into a ball, or where a factor at a corner is not 1 by more than `least`.
-
-    corner: (R + 1, C + 1, k) factors; the others are those of `_survey`.
+    [m]. most: (2, n) set to the largest difference of two corners in any channel, and of a corner from 1; near: (n,)
+    set.
     """
     one = corner.dtype.type(1)
     for n in range(len(j)):
         r, c = j[n], i[n]
+        most[0, n], most[1, n], near[n] = 0.0, 0.0, False
         for k in range(corner.shape[2]):
             v00, v01, v10, v11 = corner[r, c, k], corner[r, c + 1, k], corner[r + 1, c, k], corner[r + 1, c + 1, k]
-            marks[n] |= max(abs(v00 - one), abs(v01 - one), abs(v10 - one), abs(v11 - one)) > least
+            low, high = min(v00, v01, v10, v11), max(v00, v01, v10, v11)
+            most[0, n], most[1, n] = max(most[0, n], high - low), max(most[1, n], high - one, one - low)
         for b in range(len(balls)):
             x, y, z = middle[r, c, 0] - balls[b, 0], middle[r, c, 1] - balls[b, 1], middle[r, c, 2] - balls[b, 2]
             far = balls[b, 3] + reach_m[r, c]
-            marks[n] |= x * x + y * y + z * z < far * far
+            near[n] |= x * x + y * y + z * z < far * far

@@ -13,7 +13,6 @@ Over blocks of pixels it is worked out line by line (`tile_blend`), with the pla
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from mr360uw.base.constants import BRIGHTEST, DARK
 from mr360uw.base.texels import smoothstep
 from mr360uw.base.tile_blend import BLOCK, NO_BLURS, NO_MEAN, BlockGround, GroundLines, PixelImages
 from mr360uw.composite.light_sources import LightSource
-from mr360uw.composite.receiver.pattern import PlatePattern, direct_pattern
+from mr360uw.composite.receiver.pattern import direct_pattern
 from mr360uw.composite.shading import ambient_irradiance
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import places_in_mask
@@ -131,27 +130,15 @@ def four_corners(corner: Floats, j: NDArray[np.int64], i: NDArray[np.int64]) -> 
     return np.stack([corner[j, i], corner[j, i + 1], corner[j + 1, i], corner[j + 1, i + 1]], axis=1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BlockIrradiance:
-    """Light on blocks of the receiver.
-
-    blocks: (R, C) which they are, n of them, row by row. corner: (R + 1, C + 1, 10) float32, channels SHARE, VEIL,
-    FREE, SEEN. images: of `GroundLines`.
-    """
-
-    blocks: NDArray[np.bool_]
-    corner: NDArray[np.float32]
-    images: tuple[PixelImages, ...]
-
-
 def ground_of(
-    light: BlockIrradiance, width: int, height: int, pattern: PlatePattern | None, unseen: float
+    shot: Shot, blocks: NDArray[np.bool_], corner: NDArray[np.float32], images: tuple[PixelImages, ...]
 ) -> BlockGround:
-    """Return the light of blocks for a width x height frame, where it changes the plate by a fraction above `unseen`.
+    """Return the light on blocks (R, C) of a shot's receiver, n of them, row by row, as it is laid over the plate.
 
-    pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
+    corner: (R + 1, C + 1, 10), channels SHARE, VEIL, FREE, SEEN. images: of `GroundLines`.
     """
-    row, column = places_in_mask(light.blocks)
+    row, column = places_in_mask(blocks)
+    width, height, pattern = shot.view.width, shot.view.height, shot.pattern
     # Blur the plate over all of them, where no mean of the clip is known
     blurs, mean, strength = NO_BLURS, NO_MEAN, 0.0
     if pattern is not None and len(row):
@@ -160,9 +147,9 @@ def ground_of(
         blurs = pattern.blurs(hull)
         strength = pattern.strength
         mean = NO_MEAN if pattern.mean is None else np.asarray(pattern.mean, np.float16).view(np.uint16)
-    first = np.searchsorted(row, np.arange(len(light.corner)))
+    first = np.searchsorted(row, np.arange(len(corner)))
     lines = GroundLines(
-        first, column, light.corner, light.images, height, np.float32(unseen), pattern is not None, mean, blurs,
+        first, column, corner, images, height, np.float32(shot.unseen), pattern is not None, mean, blurs,
         np.float32(strength),
     )  # fmt: skip
     return BlockGround(lines, None if pattern is None else pattern.picture)
