@@ -190,11 +190,11 @@ def test_spread_and_shape_from_the_disk_are_those_that_were_computed(
 
     def arrays(mesh: Mesh) -> list[np.ndarray]:
         transfer = make_transfer(mesh)
-        lattice, coarse, own = transfer.lattice, transfer.coarse, transfer.own
+        lattice = transfer.lattice
         return [
             mesh.hull, mesh.patch, lattice.places, lattice.position, lattice.normal, lattice.triangle, lattice.weights,
-            lattice.nearest_sample, *stored(lattice.from_samples), coarse.sample, *stored(coarse.spread), coarse.of,
-            *own, np.array([lattice.points, lattice.two_sided, coarse.spacing_m]),
+            lattice.nearest_sample, *stored(lattice.from_samples), transfer.coarse, *stored(transfer.spread),
+            transfer.nearest_coarse, *transfer.own, np.array([lattice.points, lattice.two_sided, transfer.spacing_m]),
         ]  # fmt: skip
 
     kept = [(spread(), *arrays(load_mesh(whale))) for _ in range(2)]

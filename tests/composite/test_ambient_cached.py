@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse
 
 from mr360uw.base.cache import Cache
-from mr360uw.composite.ambient.mesh_transfer import make_transfer, product
+from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Receiver, Shot
@@ -158,18 +157,8 @@ def test_objects_that_shade_nothing_have_no_part_in_ambient_light() -> None:
 
 def test_coarse_samples_interpolate_a_ball() -> None:
     transfer = make_transfer(OTHER)
-    lattice, spread = transfer.lattice, transfer.coarse.spread
-    assert len(transfer.coarse.sample) < len(lattice.position)
+    lattice, spread = transfer.lattice, transfer.spread
+    assert len(transfer.coarse) < len(lattice.position)
     np.testing.assert_allclose(spread.sum(axis=1), 1.0, atol=tol.FLOAT32_LOOKUP)
-    between = spread @ lattice.normal[transfer.coarse.sample]
+    between = spread @ lattice.normal[transfer.coarse]
     assert np.abs(between - lattice.normal).max() < tol.LOOKOUT_PLANE
-
-
-@pytest.mark.parametrize("of_matrix", ["float32", "float64"])
-@pytest.mark.parametrize("columns", [3, 6])
-def test_products_of_sparse_matrices_are_those_of_scipy(rng: np.random.Generator, of_matrix: str, columns: int) -> None:
-    matrix = scipy.sparse.random(40, 30, 0.2, "csr", dtype=of_matrix, random_state=1)
-    values = rng.random((30, columns)).astype(np.float32)
-    found = product(matrix, values)
-    assert found.dtype == (matrix @ values).dtype
-    np.testing.assert_array_equal(found, matrix @ values)

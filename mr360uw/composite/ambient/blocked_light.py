@@ -84,7 +84,7 @@ class HeightField:
 
 def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     """Return the field of a mesh turned and scaled by `linear` (3, 3)."""
-    points, corners = transfer.blocking.geometry.positions @ linear.T, transfer.corners @ linear.T
+    points, corners = transfer.geometry.positions @ linear.T, transfer.corners @ linear.T
     # Find the smallest rectangle around the plan, and the heights over it in several places of each cell
     frame, outline = _frame(_hull(corners[:, [0, 2]]))
     low, high = corners[:, 1].min(), corners[:, 1].max()
@@ -126,13 +126,9 @@ def _hull(plan: Floats) -> Floats:
         if not np.all(apart):
             corners = corners[apart]
             continue
-        bent = np.abs(_cross(before, after)) > 1e-9 * size**2
+        bent = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]) > 1e-9 * size**2
         corners = corners[bent] if bent.sum() >= 3 else corners
     return corners
-
-
-def _cross(one: Floats, other: Floats) -> Floats:
-    return np.asarray(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])
 
 
 def _frame(hull: Floats) -> tuple[Floats, Floats]:
@@ -417,13 +413,12 @@ def place_beside(x: Any, y: Any, z: Any, frame: Any, highest: Any) -> Any:
 
 
 @fast
-def as_rectangle(
-    a: Any, b: Any, y: Any, frame: Any, outline: Any, heights: Any, filled: Any, begin: Any, blocked: Any
-) -> None:
+def as_rectangle(a: Any, b: Any, y: Any, field: Any, begin: Any, blocked: Any) -> None:
     """Set one interval for a body at a distance: its width across the view, and its height, of which a part is filled.
 
-    The arguments are those of `scan`. filled: of `HeightField`.
+    The arguments are those of `scan`.
     """
+    frame, outline, _, heights, filled = field
     away = np.sqrt(a * a + b * b)
     u, v = -a / away, -b / away
     least, most = 1e30, -1e30
@@ -440,18 +435,17 @@ def as_rectangle(
 
 
 @fast
-def scan(
-    a: Any, b: Any, y: Any, frame: Any, outline: Any, cells: Any, heights: Any, begin: Any, blocked: Any, found: Any
-) -> None:
+def scan(a: Any, b: Any, y: Any, field: Any, begin: Any, blocked: Any, found: Any) -> None:
     """Set the intervals of elevation that a body covers, seen from a place.
 
-    a, b, y: the place along both sides of the plan from its middle, and its height over the body's origin [m]. frame,
-    outline, cells: of `HeightField`; heights: (2,) its least and greatest. found: (2, 2) scratch.
+    a, b, y: the place along both sides of the plan from its middle, and its height over the body's origin [m]. field:
+    frame, outline, cells, heights and filled of `HeightField`. found: (2, 2) scratch.
     begin: (3,), set to the first azimuth [rad], the width of one, from +x to +z, and how many there are. blocked:
     (AZIMUTHS, 5), set to lowest and highest elevation [rad] of an interval, those of a second one, equal for none, and
     the fraction of the azimuth's width.
     """
     # Find the azimuths that the outline spans: a part from outside, all from above it
+    frame, outline, cells, heights, _ = field
     n = cells.shape[0] - 2
     hu, hv = frame[4], frame[5]
     cu, cv = 2.0 * hu / n, 2.0 * hv / n
@@ -688,8 +682,8 @@ def _block(point: Any, normal: Any, origin: Any, fields: Any, weights: Any, shar
             x, y, z = point[k, 0] - origin[m, 0], point[k, 1] - origin[m, 1], point[k, 2] - origin[m, 2]
             a, b, seen, close = place_beside(x, y, z, frame[f], heights[f, 1])
             if seen and close:
-                edges = outline[f, : corners[f]]
-                scan(a, b, y, frame[f], edges, cells[f], heights[f], begins[scanned], blocked[scanned], found)
+                field = frame[f], outline[f, : corners[f]], cells[f], heights[f], filled[f]
+                scan(a, b, y, field, begins[scanned], blocked[scanned], found)
                 near[scanned] = m
                 scanned += 1
             elif seen:
@@ -701,8 +695,8 @@ def _block(point: Any, normal: Any, origin: Any, fields: Any, weights: Any, shar
             if n >= scanned:
                 x, y, z = point[k, 0] - origin[m, 0], point[k, 1] - origin[m, 1], point[k, 2] - origin[m, 2]
                 a, b, _, _ = place_beside(x, y, z, frame[f], heights[f, 1])
-                edges = outline[f, : corners[f]]
-                as_rectangle(a, b, y, frame[f], edges, heights[f], filled[f], begins[slot], blocked[slot])
+                field = frame[f], outline[f, : corners[f]], cells[f], heights[f], filled[f]
+                as_rectangle(a, b, y, field, begins[slot], blocked[slot])
             for q in range(AZIMUTHS if opacity[f] < 1.0 else 0):  # one by one, see `jit`
                 blocked[slot, q, 4] *= opacity[f]
             share[m, k] = _add(normal[k], begins, blocked, slot, slot, piece, weights[k])

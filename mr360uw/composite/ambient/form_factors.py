@@ -38,7 +38,6 @@ from mr360uw.composite.ambient.mesh_transfer import (
     OwnView,
     Transfer,
     directions,
-    product,
     shape_of,
     shape_transfer,
 )
@@ -115,26 +114,20 @@ class Body:
 
     @property
     def ground_key(self) -> bytes:
-        """Equal for equal ground where it matters to what the body sees, nothing where it does not."""
-        if self.height_m is None or not (self.on_ground or self._covered()):
+        """Equal for equal ground where it matters to what the body sees, nothing where it does not: where they do not
+        see each other, and no sample lies below the ground, or nearly.
+        """
+        if self.height_m is None:
+            return b""
+        above = (self.transfer.lattice.position - self.transfer.mesh.center_m) @ self.rotation[1]
+        if not self.on_ground and above.min() >= _LIFT * self.transfer.mesh.radius_m - self.height_m:
             return b""
         return self.rotation.tobytes() + np.float64(self.height_m).tobytes()
-
-    def _covered(self) -> bool:
-        """Return whether a sample lies below the ground, or nearly."""
-        if self.height_m is None or not self._at_ground():
-            return False
-        above = (self.transfer.lattice.position - self.transfer.mesh.center_m) @ self.rotation[1]
-        return bool(above.min() < _LIFT * self.transfer.mesh.radius_m - self.height_m)
-
-    def _at_ground(self) -> bool:
-        """Return whether a sample, all of which lie hardly outside the body's ball, can be near the ground."""
-        return self.height_m is not None and self.height_m <= 1.01 * self.transfer.mesh.radius_m
 
     def places(self, sample: NDArray[np.int64]) -> Floats:
         """Return where rays from samples (n,) start (n, 3) in the body's axes: those below the ground just above it."""
         position = self.transfer.lattice.position[sample]
-        if self.height_m is None or not self._at_ground():
+        if self.height_m is None:
             return position
         up, least = self.rotation[1], _LIFT * self.transfer.mesh.radius_m - self.height_m
         below = np.maximum(least - (position - self.transfer.mesh.center_m) @ up, 0.0)
@@ -180,7 +173,7 @@ class Body:
         transfer, nodes = self.transfer, self.nodes()
         mesh = transfer.mesh
         if len(nodes) == 0:
-            return np.zeros((0, len(transfer.coarse.sample)), np.float32)
+            return np.zeros((0, len(transfer.coarse)), np.float32)
         d = directions() @ self.rotation.T
         d = d[d[:, 1] > 0.0]
         along = -nodes @ d.T
@@ -188,10 +181,10 @@ class Body:
         number, direction = np.nonzero((off < mesh.radius_m**2) & (along > -mesh.radius_m))
         lifted = nodes + np.array([0.0, _LIFT * mesh.radius_m, 0.0])
         origin, rays = (lifted @ self.rotation + mesh.center_m)[number], (d @ self.rotation)[direction]
-        met = transfer.blocking.met(transfer.lattice, origin, rays)
+        met = transfer.met(origin, rays)
         weight = (SOLID_ANGLE * d[direction[met.ray], 1]).astype(np.float32) * met.part
-        down = np.zeros((len(nodes), len(transfer.coarse.sample)), np.float32)
-        np.add.at(down, (number[met.ray], transfer.coarse.of[met.sample]), weight)
+        down = np.zeros((len(nodes), len(transfer.coarse)), np.float32)
+        np.add.at(down, (number[met.ray], transfer.nearest_coarse[met.sample]), weight)
         grid = down.reshape(NODES, NODES, -1)
         return _spread_from(grid, grid.sum(axis=-1, keepdims=True)).reshape(NODES**2, -1)
 
@@ -241,11 +234,9 @@ class Layout:
 
     def occluders_from(self, point: Floats) -> Occluders:
         """Return the bodies that the ground sees with their places from a point (3,): the same where all move along."""
-        fields, origins = [], []
-        for k in self.ground_bodies:
-            fields.append(self.bodies[k].field)
-            origins.append(rounded(self.bodies[k].origin - point, self.bodies[k].radius))
-        return Occluders(tuple(fields), np.array(origins).reshape(-1, 3))
+        bodies = [self.bodies[k] for k in self.ground_bodies]
+        origins = [rounded(body.origin - point, body.radius) for body in bodies]
+        return Occluders(tuple(body.field for body in bodies), np.array(origins).reshape(-1, 3))
 
     def below(self, ground_y: float) -> Floats:
         """Return the point (3,) of level ground below the first body that it sees."""
@@ -255,27 +246,22 @@ class Layout:
     def bounced(self, blocked: Occlusion, points: Floats, sent: Sequence[Floats]) -> Floats:
         """Return the irradiance (n, 3) that bodies send to places (n, 3) of the ground, where they block `blocked`.
 
-        sent: mean radiance (NODES, NODES, 3) of each body that the ground sees, at its nodes.
-        """
-        total = np.zeros((len(points), 3))
-        for k, radiance, share in zip(self.ground_bodies, sent, blocked.share, strict=True):
-            some = np.flatnonzero(share)
-            total[some] += np.pi * share[some, None] * self.at_nodes(k, radiance, points[some])
-        return total
-
-    def at_nodes(self, number: int, values: Floats, points: Floats) -> Floats:
-        """Return values (NODES, NODES, c) at a body's nodes at places (n, 3): a cubic spline within their range, as
-        light has no bends along lines of nodes; those of the edge beyond.
+        sent: mean radiance (NODES, NODES, 3) of each body that the ground sees, at its nodes. Between these it is a
+        cubic spline within their range, as light has no bends along lines of nodes; that of the edge beyond.
         """
         from scipy.ndimage import map_coordinates
 
-        out = np.zeros((len(points), values.shape[-1]))
-        if len(self.nodes[number]):
-            low, high = self.nodes[number][[0, -1]][:, [0, 2]]
-            place = ((points[:, [0, 2]] - low) / (high - low) * (NODES - 1)).clip(0.0, NODES - 1.0).T
-            for c, of in enumerate(np.moveaxis(np.asarray(values, np.float64), -1, 0)):
-                out[:, c] = map_coordinates(of, place, mode="nearest").clip(of.min(), of.max())
-        return out
+        total = np.zeros((len(points), 3))
+        for k, radiance, share in zip(self.ground_bodies, sent, blocked.share, strict=True):
+            some = np.flatnonzero(share)
+            if len(self.nodes[k]) == 0:
+                continue
+            low, high = self.nodes[k][[0, -1]][:, [0, 2]]
+            place = ((points[some][:, [0, 2]] - low) / (high - low) * (NODES - 1)).clip(0.0, NODES - 1.0).T
+            for c, of in enumerate(np.moveaxis(np.asarray(radiance, np.float64), -1, 0)):
+                between = map_coordinates(of, place, mode="nearest").clip(of.min(), of.max())
+                total[some, c] += np.pi * share[some] * between
+        return total
 
     def lit(self, points: Sequence[Floats], direction: Floats) -> list[Floats]:
         """Return for groups of points (n, 3) of the world the fraction of the light from a direction (3,) that bodies
@@ -298,7 +284,7 @@ class Layout:
             near = np.flatnonzero((off < body.radius**2) & (along > -body.radius))
             if len(near):
                 ray = np.broadcast_to(direction @ body.rotation, (len(near), 3))
-                lit[group][near] *= body.transfer.blocking.passed(body.inside(points[group][near]), ray)
+                lit[group][near] *= body.transfer.passed(body.inside(points[group][near]), ray)
         return lit
 
 
@@ -406,7 +392,7 @@ class BodyView:
     def spread(self, body: Body, at_coarse: Floats, at_near: Floats) -> Floats:
         """Return values (S, n) at all samples from those at the coarse samples (C, n) and at the near samples (e,
         n)."""
-        values = product(body.transfer.coarse.spread, at_coarse.astype(np.float32))
+        values: Floats = body.transfer.spread @ at_coarse.astype(np.float32)
         values[self.near_sample] += self.near_part * (at_near - values[self.near_sample])
         return values
 
@@ -447,8 +433,8 @@ class Neighbour:
         used = _into_box(start, open_, 1.0 / np.where(np.abs(along) < _LEAST, _LEAST, along), near, *box, found)
         sample, direction = found[:, :used]
         origin, rays = start[sample], along[direction]
-        met = self.transfer.blocking.met(self.transfer.lattice, origin, rays)
-        coarse_sample = (self.transfer.coarse.of[met.sample] + self.begin).astype(np.int32)
+        met = self.transfer.met(origin, rays)
+        coarse_sample = (self.transfer.nearest_coarse[met.sample] + self.begin).astype(np.int32)
         share = np.float32(self.share) * met.part
         return sample[met.ray], direction[met.ray], coarse_sample, met.distance.astype(np.float32), share
 
@@ -464,7 +450,7 @@ class Neighbour:
 
     def close_samples(self, transfer: Transfer) -> Floats:
         """Return (S,) how far the samples of a mesh have passed from interpolating (0) to looking themselves (1)."""
-        spacing, position = transfer.coarse.spacing_m, transfer.lattice.position
+        spacing, position = transfer.spacing_m, transfer.lattice.position
         (center, radius), reach = self.ball, _INTERPOLATED * spacing
         close = np.flatnonzero(np.linalg.norm(position - center, axis=-1) < radius + reach)
         there = (position[close] - self.shift) @ np.linalg.inv(self.linear).T
@@ -544,7 +530,7 @@ def _neighbours(body: Body, others: Sequence[tuple[int, Body, float]]) -> list[N
 def _view(seen: PartOf[tuple[Body, list[Neighbour]]], begin: int, total: int) -> BodyView:
     """Return what a body sees of near ones. begin: where its own coarse samples begin among all, `total`."""
     body, near = seen.whole
-    transfer, sample = body.transfer, body.transfer.coarse.sample
+    transfer, sample = body.transfer, body.transfer.coarse
     close = np.max([np.zeros(len(transfer.cosine)), *(other.close_samples(transfer) for other in near)], axis=0)
     if transfer.mesh.glossy:
         close[:] = 1.0  # every sample has a lobe of its own
@@ -557,7 +543,7 @@ def _view(seen: PartOf[tuple[Body, list[Neighbour]]], begin: int, total: int) ->
     )  # fmt: skip
     lost = (body.own.plain - body.own.direct + at_coarse.lost).sum(axis=1, keepdims=True)
     lost -= at_coarse.ground.sum(axis=1, keepdims=True)
-    openness = 1.0 - lost / transfer.whole[sample, None]
+    openness = 1.0 - lost / body.own.plain.sum(axis=1, keepdims=True)
     met = _met_by(body, at_near, cosine, node, begin) if transfer.mesh.glossy else None
     part = close[near_sample, None].astype(np.float32)
     return BodyView(at_coarse, at_near, near_sample, part, body.mean_sent(), openness, met)
@@ -649,7 +635,7 @@ def _met_by(
     # Sort what the body blocks itself by sample
     order = np.argsort(body.transfer.own[0], kind="stable") if body.own.lost is not None else np.zeros(0, np.int64)
     of_sample, own_way, hit = body.transfer.own[:, order]
-    own_target = (body.transfer.coarse.of[hit] + begin + 1).astype(np.int32)
+    own_target = (body.transfer.nearest_coarse[hit] + begin + 1).astype(np.int32)
     own = np.searchsorted(of_sample, np.arange(len(cosine) + 1)), own_way, own_target, body.transfer.own_part[order]
     # Room for whatever may be met: memory that is not written is not taken
     first, most = np.zeros(len(cosine) + 1, np.int64), len(samples.data) + seen.size + len(order)
@@ -706,18 +692,6 @@ class FarBodies:
     direction: NDArray[np.int16]
     weight: NDArray[np.float32]
     cover: NDArray[np.float32]
-
-    def around(self, number: int) -> bool:
-        """Return whether there are any far bodies around one."""
-        place = int(np.searchsorted(self.lit, number))
-        return place < len(self.lit) and bool(self.lit[place] == number)
-
-    def before(self, light: NDArray[np.float32], sides: Floats) -> NDArray[np.float32]:
-        """Return the light (B, COUNT, 3) with the far bodies before it. sides: (B, 6, 3) radiance of their sides."""
-        sent = np.einsum("ps,psc->pc", self.part, sides[self.other[:, None], self.side]).astype(np.float32)
-        found = light * (1.0 - self.cover[..., None])
-        _add_sent(self.lit, self.begin, self.direction, self.weight, sent, found)
-        return found
 
 
 def near_shares(bodies: Sequence[Body]) -> tuple[Floats, Floats]:
@@ -811,7 +785,7 @@ class Exchange:
 
     def untouched(self, number: int) -> bool:
         """Return whether nothing is in the way of a body's light."""
-        return not self.far.around(number) and self.views[number].nothing(self.layout.bodies[number])
+        return number not in self.far.lit and self.views[number].nothing(self.layout.bodies[number])
 
     @property
     def nothing(self) -> bool:
@@ -830,10 +804,17 @@ class Exchange:
             found.append(np.asarray(seen).reshape(NODES, NODES, 3))
         return tuple(found)
 
-    def sent_sides(self, sent: NDArray[np.float32]) -> Floats:
-        """Return the mean radiance (B, 6, 3) of the sides of all bodies. sent: (all coarse samples, 3)."""
+    def with_far(self, light: NDArray[np.float32], sent: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the light (B, COUNT, 3) around bodies with the far bodies before it. sent: as of `sent_down`."""
+        far = self.far
+        if len(far.lit) == 0:
+            return light
         ends = zip(self.layout.bodies, self.first[:-1], self.first[1:], strict=True)
-        return np.array([body.transfer.sides @ sent[begin:end] for body, begin, end in ends])
+        sides = np.array([body.transfer.sides @ sent[begin:end] for body, begin, end in ends])
+        of_pairs = np.einsum("ps,psc->pc", far.part, sides[far.other[:, None], far.side]).astype(np.float32)
+        found = light * (1.0 - far.cover[..., None])
+        _add_sent(far.lit, far.begin, far.direction, far.weight, of_pairs, found)
+        return found
 
 
 def make_exchange(layout: Layout, cache: Cache) -> Exchange:
@@ -841,10 +822,10 @@ def make_exchange(layout: Layout, cache: Cache) -> Exchange:
     from scipy.sparse import block_diag, vstack
 
     bodies = layout.bodies
-    first = np.concatenate([[0], np.cumsum([len(body.transfer.coarse.sample) for body in bodies])]).astype(np.int64)
+    first = np.concatenate([[0], np.cumsum([len(body.transfer.coarse) for body in bodies])]).astype(np.int64)
     near, far = near_shares(bodies)
     views = body_views(bodies, first, near, cache)
-    own = block_diag([body.own.samples[body.transfer.coarse.sample] for body in bodies], format="csr")
+    own = block_diag([body.own.samples[body.transfer.coarse] for body in bodies], format="csr")
     samples = vstack([view.coarse.samples for view in views], format="csr") + own
     places = np.concatenate([body.world_nodes(COARSE_NODES) for body in bodies])
     blocked = layout.occluders.blocked(places, np.tile([0.0, 1.0, 0.0], (len(places), 1)))

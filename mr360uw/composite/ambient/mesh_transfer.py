@@ -17,8 +17,10 @@ least squares (Levin 1998).
 from __future__ import annotations
 
 import functools
+from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -198,41 +200,52 @@ def _hashed(key: NDArray[np.int64]) -> NDArray[np.uint64]:
 
 def _sampled(position: Floats, normal: Floats, spacing: float) -> tuple[NDArray[np.int64], Any]:
     """Return which points (s,) of a dense mesh stand for all, and how all take means of them (c, s), sparse."""
-    from scipy.sparse import csr_matrix
-    from scipy.spatial import cKDTree
-
-    cell = np.floor(position / spacing).astype(np.int64)
-    label = np.unique(_hashed(np.concatenate([cell, np.round(normal).astype(np.int64)], axis=1)), return_inverse=True)[
-        1
-    ]
+    cell = np.concatenate([np.floor(position / spacing), np.round(normal)], axis=1).astype(np.int64)
+    label = np.unique(_hashed(cell), return_inverse=True)[1]
     count = np.bincount(label)
     middle = np.stack([np.bincount(label, position[:, k]) for k in range(3)], axis=-1) / count[:, None]
     off = np.sum((position - middle[label]) ** 2, axis=-1)
     order = np.lexsort((off, label))
     kept = order[np.flatnonzero(np.diff(label[order], prepend=-1))]
-    near = min(_NEAREST, len(kept))
     feature = np.append(position, spacing * normal, axis=1)
-    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[kept]).query(feature, near))
-    weight = np.exp(-((distance / spacing) ** 2)) + 1e-9 * (np.arange(near) == 0)
+    distance, at = _nearest(feature, feature[kept], _NEAREST)
+    weight = np.exp(-((distance / spacing) ** 2))
+    weight[:, 0] += 1e-9
     weight /= weight.sum(axis=1, keepdims=True)
-    rows = np.repeat(np.arange(len(position)), near)
-    return kept, csr_matrix((weight.ravel(), (rows, at.ravel())), shape=(len(position), len(kept)))
+    return kept, _means(weight, at, len(kept))
+
+
+def _nearest(feature: Floats, among: Floats, count: int) -> tuple[Floats, NDArray[np.int64]]:
+    """Return for points (n, k) distances and numbers (n, `count`) of the nearest of others (m, k), all if they are
+    fewer.
+    """
+    from scipy.spatial import cKDTree
+
+    count = min(count, len(among))
+    distance, number = (np.reshape(a, (-1, count)) for a in cKDTree(among).query(feature, count))
+    return distance, number
+
+
+def _means(weight: Floats, number: NDArray[np.int64], count: int) -> Any:
+    """Return the sparse matrix (n, `count`) with weights (n, k) of the columns of some numbers (n, k)."""
+    from scipy.sparse import csr_matrix
+
+    rows = np.repeat(np.arange(len(weight)), weight.shape[1])
+    return csr_matrix((weight.ravel(), (rows, number.ravel())), shape=(len(weight), count))
 
 
 def stand_ins(lattice: Lattice, without: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Any]:
     """Return for samples (S,), of which some have no light of their own, the nearest that has, and their means (S,
     S)."""
     from scipy.sparse import csr_matrix
-    from scipy.spatial import cKDTree
 
     good, bad = np.flatnonzero(~without), np.flatnonzero(without)
     size = float(np.ptp(lattice.position, axis=0).max())
     feature = np.append(lattice.position, size * lattice.normal, axis=1)
-    near = min(_STAND_INS, len(good))
-    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[good]).query(feature[bad], near))
+    distance, at = _nearest(feature[bad], feature[good], _STAND_INS)
     weight = 1.0 / (distance**4 + (1e-3 * size) ** 4)
     weight /= weight.sum(axis=1, keepdims=True)
-    rows = np.concatenate([good, np.repeat(bad, near)])
+    rows = np.concatenate([good, np.repeat(bad, at.shape[1])])
     columns = np.concatenate([good, good[at].ravel()])
     count = len(without)
     nearest = np.arange(count)
@@ -256,44 +269,18 @@ def points_at(places: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.in
     return points, shares
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CoarseSamples:
-    """Coarse samples of a mesh with S samples.
-
-    sample: (C,) their numbers among the samples. spread: (S, C) sparse float32, rows of sum 1: interpolation to all
-    samples. of: (S,) the coarse sample nearest to each sample. spacing_m: largest distance of a sample to one, in the
-    mesh's metres.
+def choose_coarse(lattice: Lattice, size_m: float, seen: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return coarse, nearest_coarse, spread and spacing_m of `Transfer` by their names, for a lattice on a mesh of a
+    longest side `size_m`. Coarse samples are among those that are `seen` (S,).
     """
-
-    sample: NDArray[np.int64]
-    spread: Any
-    of: NDArray[np.int64]
-    spacing_m: float
-
-    def mean(self, values: Floats) -> Floats:
-        """Return means (C, n) of values (S, n) over the samples that are nearest to each coarse sample."""
-        count = np.bincount(self.of, minlength=len(self.sample))
-        total = np.stack([np.bincount(self.of, column, len(self.sample)) for column in values.T], axis=-1)
-        return np.asarray(total / count[:, None])
-
-
-def choose_coarse(lattice: Lattice, size_m: float, seen: NDArray[np.bool_]) -> CoarseSamples:
-    """Return the coarse samples of a lattice on a mesh of a longest side `size_m`, among the samples that are `seen`
-    (S,)."""
-    from scipy.sparse import csr_matrix
-    from scipy.spatial import cKDTree
-
     spacing = _SPACING * size_m
     feature = np.append(lattice.position, _TURN * spacing * lattice.normal, axis=1)
     candidates = np.flatnonzero(seen)
     chosen, spacing = _farthest(feature[candidates].astype(np.float32), spacing)
     sample = np.sort(candidates[chosen])
-    near = min(_NEIGHBOURS, len(sample))
-    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[sample]).query(feature, near))
-    weight = _least_squares(lattice, sample[at], distance)
-    rows = np.repeat(np.arange(len(feature)), near)
-    spread = csr_matrix((weight.ravel().astype(np.float32), (rows, at.ravel())), shape=(len(feature), len(sample)))
-    return CoarseSamples(sample, spread, at[:, 0].astype(np.int64), spacing)
+    distance, at = _nearest(feature, feature[sample], _NEIGHBOURS)
+    spread = _means(_least_squares(lattice, sample[at], distance).astype(np.float32), at, len(sample))
+    return {"coarse": sample, "nearest_coarse": at[:, 0].astype(np.int64), "spread": spread, "spacing_m": spacing}
 
 
 def _farthest(feature: NDArray[np.float32], spacing: float) -> tuple[NDArray[np.int64], float]:
@@ -387,28 +374,6 @@ def find_nearest_points(
         point[n] = first if x >= y and x >= z else second if y >= z else third
 
 
-def product(matrix: Any, values: Floats) -> Floats:
-    """Return the product (r, 3 k) of a `csr_matrix` (r, n) and values (n, 3 k), in the type of both; it is the same as
-    that of `matrix @ values`.
-    """
-    out = np.empty((matrix.shape[0], values.shape[1]), np.result_type(matrix.dtype, values.dtype))
-    _sum_rows(matrix.indptr, matrix.indices, matrix.data, values, out, out.dtype.type(0.0))
-    return out
-
-
-@exact
-def _sum_rows(begin: Any, column: Any, weight: Any, values: Any, out: Any, zero: Any) -> None:
-    for row in range(len(out)):
-        for c in range(0, out.shape[1], 3):
-            first, second, third = zero, zero, zero
-            for k in range(begin[row], begin[row + 1]):
-                n, w = column[k], weight[k]
-                first += w * values[n, c]
-                second += w * values[n, c + 1]
-                third += w * values[n, c + 2]
-            out[row, c], out[row, c + 1], out[row, c + 2] = first, second, third
-
-
 COUNT = 512
 """Directions over the whole sphere. One of those above a surface carries at most 0.8 % of its irradiance, about one
 8-bit code value; twice as many double the set-up time."""
@@ -416,8 +381,8 @@ SOLID_ANGLE = 4.0 * np.pi / COUNT
 """Solid angle [sr] that each direction stands for."""
 _BESIDE_SKY = 0.1
 """Sine of the depression below which no pixel of `blurred` holds light of a sky above a level horizon."""
-_SPARSE = ("data", "indices", "indptr")
-"""Arrays of a sparse matrix."""
+_SPARSE = ("data", "indices", "indptr", "shape")
+"""What makes a sparse matrix."""
 _RAYS_AT_ONCE = 200_000
 _TYPICAL_COSINE = 2.0 / 3.0
 """Mean cosine at which diffuse light arrives: what a coat reflects of it is taken there."""
@@ -455,9 +420,6 @@ def seen_by_camera(away: Floats, direction: Floats) -> Floats:
     return np.stack([level[:, 0], highest[:, 0], level[:, 1]], axis=-1)
 
 
-Samples = TypeVar("Samples", Lattice, CoarseSamples)
-
-
 class MetSamples(NamedTuple):
     """Where rays meet a mesh, (m,) each: number of the ray, the sample nearest to the place, the distance, whether the
     back is met, and the fraction of the ray's light that is blocked there.
@@ -470,34 +432,20 @@ class MetSamples(NamedTuple):
     part: NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Blocking:
-    """The triangles of a mesh for rays of ambient light. geometry: of these, in its own axes."""
+def met_samples(
+    geometry: Geometry, lattice: Lattice, least_m: float, origins: Floats, directions: Floats
+) -> MetSamples:
+    """Return where rays (n, 3) meet a mesh: their first triangles, and those behind what lets light through.
 
-    mesh: Mesh
-    geometry: Geometry
-
-    @property
-    def opaque(self) -> bool:
-        """Whether they let nothing through."""
-        return all(m.alpha_mode == "OPAQUE" for m in self.mesh.materials)
-
-    def passed(self, origins: Floats, directions: Floats) -> Floats:
-        """Return the fraction (n,) of the light of rays (n, 3) that the mesh leaves."""
-        if self.opaque:
-            return np.asarray(~self.geometry.scene.occluded(origins, directions), np.float64)
-        met = surfaces_along(self.geometry, origins, directions, 1e-6 * self.mesh.radius_m)
-        return np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
-
-    def met(self, lattice: Lattice, origins: Floats, directions: Floats) -> MetSamples:
-        """Return where rays (n, 3) meet the mesh: their first triangles, and those behind what lets light through."""
-        met = surfaces_along(self.geometry, origins, directions, 1e-6 * self.mesh.radius_m)
-        count, rays = len(met.ray), (met.triangle, met.start, directions[met.ray])
-        point, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
-        if count:
-            find_nearest_points(self.geometry.positions, *rays, lattice.places, point, distance, behind)
-        sample = lattice.nearest_sample[point + (lattice.points * behind if lattice.two_sided else 0)]
-        return MetSamples(met.ray, sample, met.gone + distance, behind, met.part.astype(np.float32))
+    least_m: length of the shortest step behind one.
+    """
+    met = surfaces_along(geometry, origins, directions, least_m)
+    count, rays = len(met.ray), (met.triangle, met.start, directions[met.ray])
+    point, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
+    if count:
+        find_nearest_points(geometry.positions, *rays, lattice.places, point, distance, behind)
+    sample = lattice.nearest_sample[point + (lattice.points * behind if lattice.two_sided else 0)]
+    return MetSamples(met.ray, sample, met.gone + distance, behind, met.part.astype(np.float32))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -531,24 +479,28 @@ class SampledMaterial(NamedTuple):
 class Transfer:
     """What a mesh is to ambient light, in its own axes.
 
-    cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a sample; whole: (S,) its sum.
-    coarse: the samples that exchange light with other bodies. own: (3, m) numbers of the samples and directions that
-    the mesh blocks itself, and of the samples that are seen instead; own_part: (m,) float32, fraction of the direction
-    that is blocked. material: at samples. blocking: its triangles for rays. opacity: fraction of light that it blocks
-    where it is met, a mean. area_m2: (3,) of its silhouettes along the axes; sides: (6, C) part of each coarse sample
-    in the mean of what is seen from +x, -x, +y, -y, +z and -z. tree: places of the samples. corners: (n, 3) distinct
-    ones of the triangles; box: (2, 3) around them; edges: (E, 2) numbers of the corners at the ends of each edge.
-    Meshes of one `shape_of` share the lattice, which stands for all that their shape alone decides.
+    coarse: (C,) numbers of the samples that exchange light with other bodies; nearest_coarse: (S,) which of them is
+    nearest to each sample; spread: (S, C) sparse float32, rows of sum 1, interpolation between them to all samples;
+    spacing_m: largest distance of a sample to one. cosine: (S, COUNT) float32, irradiance [sr] that each direction's
+    radiance adds to a sample. own: (3, m) numbers of the samples and directions that the mesh blocks itself, and of the
+    samples that are seen instead; own_part: (m,) float32, fraction of the direction that is blocked. material: at
+    samples. geometry: its triangles. opacity: fraction of light that it blocks where it is met, a mean. area_m2: (3,)
+    of its silhouettes along the axes; sides: (6, C) part of each coarse sample in the mean of what is seen from +x, -x,
+    +y, -y, +z and -z. tree: places of the samples. corners: (n, 3) distinct ones of the triangles; box: (2, 3) around
+    them; edges: (E, 2) numbers of the corners at the ends of each edge. Meshes of one `shape_of` share the lattice,
+    which stands for all that their shape alone decides.
     """
 
     lattice: Lattice
-    coarse: CoarseSamples
+    coarse: NDArray[np.int64]
+    nearest_coarse: NDArray[np.int64]
+    spread: Any
+    spacing_m: float
     cosine: NDArray[np.float32]
     own: NDArray[np.int64]
     own_part: NDArray[np.float32]
     material: SampledMaterial
-    whole: Floats
-    blocking: Blocking
+    geometry: Geometry
     opacity: float
     mesh: Mesh
     area_m2: Floats
@@ -562,20 +514,37 @@ class Transfer:
         """Return the transfer of a mesh of the same `shape_of`."""
         return replace(self, mesh=mesh, material=_sampled_material(mesh, self.lattice))
 
+    def coarse_means(self, values: Floats) -> Floats:
+        """Return means (C, n) of values (S, n) over the samples that are nearest to each coarse sample."""
+        of, count = self.nearest_coarse, len(self.coarse)
+        total = np.stack([np.bincount(of, column, count) for column in values.T], axis=-1)
+        return np.asarray(total / np.bincount(of, minlength=count)[:, None])
+
+    def passed(self, origins: Floats, directions: Floats) -> Floats:
+        """Return the fraction (n,) of the light of rays (n, 3) that the mesh leaves."""
+        if _opaque(self.mesh):
+            return np.asarray(~self.geometry.scene.occluded(origins, directions), np.float64)
+        met = surfaces_along(self.geometry, origins, directions, 1e-6 * self.mesh.radius_m)
+        return np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
+
+    def met(self, origins: Floats, directions: Floats) -> MetSamples:
+        """Return where rays (n, 3) meet the mesh."""
+        return met_samples(self.geometry, self.lattice, 1e-6 * self.mesh.radius_m, origins, directions)
+
     def own_view(self, shadow: bool) -> OwnView:
         """Return what the mesh does to its own light if it casts a `shadow`."""
         from scipy.sparse import csr_matrix
 
         sample, direction, hit = self.own
-        plain = self.cosine[self.coarse.sample]
-        shape = (len(self.cosine), len(self.coarse.sample))
+        plain = self.cosine[self.coarse]
+        shape = (len(self.cosine), len(self.coarse))
         if not shadow or len(sample) == 0:
             return OwnView(None, csr_matrix(np.zeros(shape, np.float32)), self.cosine, plain, plain)
         weight = self.cosine[sample, direction] * self.own_part
-        samples = csr_matrix((weight, (sample, self.coarse.of[hit])), shape=shape)
+        samples = csr_matrix((weight, (sample, self.nearest_coarse[hit])), shape=shape)
         lost = np.zeros_like(self.cosine)
         np.add.at(lost, (sample, direction), weight)
-        return OwnView(lost, samples, self.cosine - lost, plain, plain - lost[self.coarse.sample])
+        return OwnView(lost, samples, self.cosine - lost, plain, plain - lost[self.coarse])
 
     def reflected(self, medium_index: float) -> Floats:
         """Return the fraction (S, 3) of ambient light that samples send back, the coat's part taken as diffuse.
@@ -606,19 +575,22 @@ def make_transfer(mesh: Mesh) -> Transfer:
     """Return the transfer of a mesh; its samples are chosen and its rays are shot once, and kept on the disk."""
     from scipy.spatial import cKDTree
 
-    blocking = Blocking(mesh, _geometry(mesh))
+    geometry = _geometry(mesh)
     depends_on = mesh.positions, mesh.normals, mesh.hull, any(m.double_sided for m in mesh.materials)
-    clear = () if blocking.opaque else (mesh.material, mesh.uv, mesh.colors, *_alphas(mesh))
-    found = kept_arrays("ambient", (*depends_on, *clear), lambda: _samples(blocking))
-    lattice, coarse = _from_arrays(Lattice, found), _from_arrays(CoarseSamples, found)
-    cosine = _cosines(lattice)
-    corners = mesh.positions.reshape(-1, 3)[found["corners"]]
+    clear = () if _opaque(mesh) else (mesh.material, mesh.uv, mesh.colors, *_alphas(mesh))
+    found = _unpacked(kept_arrays("ambient", (*depends_on, *clear), lambda: _packed(_samples(mesh, geometry))))
+    lattice = Lattice(**{field.name: found.pop(field.name) for field in fields(Lattice)})
+    corners = mesh.positions.reshape(-1, 3)[found.pop("corners")]
     return Transfer(
-        lattice, coarse, cosine, found["own"].astype(np.int64), found["own_part"], _sampled_material(mesh, lattice),
-        cosine.sum(axis=1), blocking, float(found["opacity"]), mesh, found["area_m2"], found["sides"],
-        cKDTree(lattice.position), corners, np.stack([corners.min(axis=0), corners.max(axis=0)]),
-        found["edges"].astype(np.int64),
+        lattice, cosine=_cosines(lattice), material=_sampled_material(mesh, lattice), geometry=geometry, mesh=mesh,
+        tree=cKDTree(lattice.position), corners=corners, box=np.stack([corners.min(axis=0), corners.max(axis=0)]),
+        **found,
     )  # fmt: skip
+
+
+def _opaque(mesh: Mesh) -> bool:
+    """Return whether a mesh lets nothing through."""
+    return all(m.alpha_mode == "OPAQUE" for m in mesh.materials)
 
 
 def _alphas(mesh: Mesh) -> list[object]:
@@ -627,76 +599,75 @@ def _alphas(mesh: Mesh) -> list[object]:
     return [str(factors), *(m.base_map.levels[0] for m in mesh.materials if m.base_map is not None)]
 
 
-def _samples(blocking: Blocking) -> dict[str, NDArray[Any]]:
-    """Return the arrays of lattice and coarse samples, and own, own_part, opacity, area_m2, sides and edges of
-    `Transfer`, by their names; corners: (n,) numbers of the distinct ones among all.
+def _samples(mesh: Mesh, geometry: Geometry) -> dict[str, Any]:
+    """Return the fields of a mesh's lattice, and of its `Transfer` those that take rays, by their names; corners: (n,)
+    numbers of the distinct ones among all.
     """
-    mesh = blocking.mesh
-    lattice = make_lattice(mesh)
+    lattice, least_m = make_lattice(mesh), 1e-6 * mesh.radius_m
     cosine = _cosines(lattice)
-    lattice, own, own_part, seen = _without_buried_samples(
-        lattice, cosine, *_blocked_by_itself(lattice, cosine, blocking)
-    )
+    blocked = _blocked_by_itself(lattice, cosine, geometry, least_m)
+    lattice, own, own_part, seen = _without_buried_samples(lattice, cosine, blocked)
     coarse = choose_coarse(lattice, float(np.max(mesh.extent_m)), seen)
-    area, sides, opacity = _sides(blocking, lattice, coarse)
-    found = {"own": _small(own), "own_part": own_part, "area_m2": area, "sides": sides, "opacity": np.array(opacity)}
+    area, sides, opacity = _sides(mesh, geometry, lattice, coarse["nearest_coarse"], len(coarse["coarse"]))
+    # Join the corners that lie together, and find the edges between them
     corner = welded(mesh.positions).ravel()
     ends = np.sort(np.stack([corner, np.roll(corner.reshape(-1, 3), -1, axis=1).ravel()], axis=-1), axis=1)
     count = int(corner.max()) + 1
     edges = np.stack(np.divmod(np.unique(ends[:, 0] * count + ends[:, 1]), count), axis=-1)
-    found |= {"corners": _small(np.unique(corner, return_index=True)[1]), "edges": _small(edges)}
-    return {**_arrays_of(lattice), **_arrays_of(coarse), **found}
+    found = {"own": own, "own_part": own_part, "area_m2": area, "sides": sides, "opacity": opacity, "edges": edges}
+    found["corners"] = np.unique(corner, return_index=True)[1]
+    return {field.name: getattr(lattice, field.name) for field in fields(lattice)} | coarse | found
 
 
-def _arrays_of(samples: Lattice | CoarseSamples) -> dict[str, NDArray[Any]]:
-    """Return the fields of samples as arrays by their names, as they are kept on the disk."""
+def _packed(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return values as the arrays that are kept on the disk: the parts of sparse matrices, and numbers of samples,
+    points and triangles in the smallest type that holds them.
+    """
     arrays: dict[str, NDArray[Any]] = {}
-    for field in fields(samples):
-        entry, name = getattr(samples, field.name), f"{type(samples).__name__}.{field.name}"
-        if hasattr(entry, "indptr"):
-            arrays |= {f"{name}.{of}": getattr(entry, of) for of in _SPARSE}
-            arrays[f"{name}.shape"] = np.array(entry.shape)
-        else:
-            arrays[name] = _small(np.asarray(entry))
+    for name, value in values.items():
+        parts = {f"{name}.{of}": getattr(value, of) for of in _SPARSE} if hasattr(value, "indptr") else {name: value}
+        for key, array in zip(parts, map(np.asarray, parts.values()), strict=True):
+            numbers = array.dtype == np.int64
+            arrays[key] = array.astype(np.min_scalar_type(int(array.max(initial=0)))) if numbers else array
     return arrays
 
 
-def _small(array: NDArray[Any]) -> NDArray[Any]:
-    """Return numbers of samples, points and triangles in the smallest type that holds them."""
-    return array.astype(np.min_scalar_type(int(array.max(initial=0)))) if array.dtype == np.int64 else array
-
-
-def _from_arrays(kind: type[Samples], arrays: Arrays) -> Samples:
-    """Return the samples of which `_arrays_of` returned arrays."""
+def _unpacked(arrays: Arrays) -> dict[str, Any]:
+    """Return the values of which `_packed` returned arrays."""
     from scipy.sparse import csr_matrix
 
     values: dict[str, Any] = {}
-    for field in fields(kind):
-        name = f"{kind.__name__}.{field.name}"
-        if name in arrays:
-            array = arrays[name]
-            whole = array.dtype.kind == "u"
-            values[field.name] = array.item() if not array.ndim else array.astype(np.int64) if whole else array
+    sparse = defaultdict[str, dict[str, Any]](dict)
+    for key, kept in arrays.items():
+        array = kept.astype(np.int64) if kept.dtype.kind == "u" else kept
+        name, _, part = key.partition(".")
+        if part:
+            sparse[name][part] = array
         else:
-            entries = tuple(arrays[f"{name}.{of}"] for of in _SPARSE)
-            values[field.name] = csr_matrix(entries, shape=tuple(arrays[f"{name}.shape"].tolist()))
-    return kind(**values)
+            values[name] = array if array.ndim else array.item()
+    for name, of in sparse.items():
+        values[name] = csr_matrix((of["data"], of["indices"], of["indptr"]), shape=tuple(of["shape"].tolist()))
+    return values
 
 
-def _sides(blocking: Blocking, lattice: Lattice, coarse: CoarseSamples) -> tuple[Floats, NDArray[np.float32], float]:
-    """Return area_m2, sides and opacity of `Transfer`: the silhouettes of a mesh from six sides."""
-    mesh, blocked, rays_that_meet = blocking.mesh, 0.0, 0
+def _sides(
+    mesh: Mesh, geometry: Geometry, lattice: Lattice, nearest_coarse: NDArray[np.int64], count: int
+) -> tuple[Floats, NDArray[np.float32], float]:
+    """Return area_m2, sides and opacity of `Transfer`: the silhouettes of a mesh from six sides. count: of all coarse
+    samples.
+    """
+    blocked, rays_that_meet = 0.0, 0
     line = ((np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0) * mesh.radius_m
     u, v = (g.ravel() for g in np.meshgrid(line, line, indexing="ij"))
-    area, seen = np.zeros(3), np.zeros((6, len(coarse.sample)), np.float32)
+    area, seen = np.zeros(3), np.zeros((6, count), np.float32)
     for side in range(6):
         axis, towards = side // 2, 1.0 - 2.0 * (side % 2)
         origin, rays = np.zeros((2, len(u), 3))
         origin[:, axis], origin[:, (axis + 1) % 3], origin[:, (axis + 2) % 3] = 2.0 * towards * mesh.radius_m, u, v
         origin, rays[:, axis] = origin + mesh.center_m, -towards
-        met = blocking.met(lattice, origin, rays)
+        met = met_samples(geometry, lattice, 1e-6 * mesh.radius_m, origin, rays)
         total = float(met.part.sum())
-        np.add.at(seen[side], coarse.of[met.sample], met.part * np.float32(1.0 / max(total, 1e-9)))
+        np.add.at(seen[side], nearest_coarse[met.sample], met.part * np.float32(1.0 / max(total, 1e-9)))
         area[axis] = total / len(u) * (2.0 * mesh.radius_m) ** 2
         blocked, rays_that_meet = blocked + total, rays_that_meet + len(np.unique(met.ray))
     return area, seen, blocked / max(rays_that_meet, 1)
@@ -710,19 +681,13 @@ def _cosines(lattice: Lattice) -> NDArray[np.float32]:
 
 
 def _without_buried_samples(
-    lattice: Lattice,
-    cosine: NDArray[np.float32],
-    sample: NDArray[np.int64],
-    direction: NDArray[np.int64],
-    hit: NDArray[np.int64],
-    behind: NDArray[np.bool_],
-    part: NDArray[np.float32],
+    lattice: Lattice, cosine: NDArray[np.float32], blocked: tuple[NDArray[Any], ...]
 ) -> tuple[Lattice, NDArray[np.int64], NDArray[np.float32], NDArray[np.bool_]]:
     """Return lattice, own pairs and their parts in which samples inside another part of the mesh, which see its surface
     from behind, take the values of those about them: what is interpolated from them is seen. Last, which samples (S,)
-    are not inside.
+    are not inside. blocked: of `_blocked_by_itself`.
     """
-    count = len(cosine)
+    (sample, direction, hit, behind, part), count = blocked, len(cosine)
     inside = np.bincount(sample, behind * part, count)
     buried = inside > _BURIED * np.count_nonzero(cosine, axis=1)
     if lattice.two_sided or not np.any(buried) or np.all(buried):
@@ -735,7 +700,9 @@ def _without_buried_samples(
     return lattice, np.stack([sample[kept], direction[kept], stand_in[hit[kept]]]), part[kept], ~buried
 
 
-def _blocked_by_itself(lattice: Lattice, cosine: NDArray[np.float32], blocking: Blocking) -> tuple[NDArray[Any], ...]:
+def _blocked_by_itself(
+    lattice: Lattice, cosine: NDArray[np.float32], geometry: Geometry, least_m: float
+) -> tuple[NDArray[Any], ...]:
     """Return sample, direction, the sample that is seen instead, whether its back is, and the part of the direction, of
     all rays that meet the mesh itself.
     """
@@ -744,7 +711,7 @@ def _blocked_by_itself(lattice: Lattice, cosine: NDArray[np.float32], blocking: 
     found: list[tuple[NDArray[Any], ...]] = []
     for start in range(0, len(sample), _RAYS_AT_ONCE):
         s, k = sample[start : start + _RAYS_AT_ONCE], direction[start : start + _RAYS_AT_ONCE]
-        met = blocking.met(lattice, lattice.position[s], d[k])
+        met = met_samples(geometry, lattice, least_m, lattice.position[s], d[k])
         found.append((s[met.ray], k[met.ray], met.sample, met.behind, met.part))
     return tuple(np.concatenate(column) for column in zip(*found, strict=True))
 

@@ -65,7 +65,6 @@ from mr360uw.composite.ambient.mesh_transfer import (
     blurred,
     directions,
     points_at,
-    product,
     seen_by_camera,
 )
 from mr360uw.composite.light_sources import sun_of, sun_up
@@ -152,10 +151,10 @@ def _mixed(a: Any, b: Any, share: float) -> Any:
 
 
 class Solver:
-    """Solves the ambient light of one shot; the shadow rays are kept in `cache`."""
+    """Solves the ambient light of one shot; shadow rays and materials are kept in `cache`."""
 
     def __init__(self, shot: Shot, exchange: Exchange, cache: Cache) -> None:
-        self._shot, self._exchange, self._cache = shot, exchange, cache
+        self._shot, self._exchange = shot, exchange
         self._bodies = bodies = exchange.layout.bodies
         self._sunlight = Sunlight(shot, exchange.layout, cache)
         map_ = blurred(shot.environment)
@@ -163,9 +162,12 @@ class Solver:
         self._radiance = np.asarray(environment_lookup(map_, towards), np.float32)
         around = [self._at_body(*of) for of in zip(bodies, towards, self._radiance, strict=True)]
         self._open = self._around = np.array(around, np.float32)
-        materials = [self._material(body) for body in bodies]
-        self._reflected: Floats = np.concatenate([reflected for reflected, _ in materials])
-        self._emitted: Floats = np.concatenate([emitted for _, emitted in materials])
+        # What the coarse samples send: a fraction of their light, and emission over the ambient light's fall with depth
+        keep = max(64, 2 * len(bodies))
+        sent = [cache.of(_at_coarse, body.transfer, shot.refractive_index, keep=keep) for body in bodies]
+        falls = [self._sunlight.ambient(body.center[None]) for body in bodies]
+        self._reflected: Floats = np.concatenate([reflected for reflected, _ in sent])
+        self._emitted = np.concatenate([emitted / fall for (_, emitted), fall in zip(sent, falls, strict=True)])
         self._sun = self._sunlight.at_coarse()
         self._table = _NO_TABLE if shot.receiver is None else sky_table(shot.environment)
 
@@ -186,56 +188,38 @@ class Solver:
 
     def solve(self) -> AmbientLight:
         """Return the light after the last step; what the ground and far bodies send is found from the first two."""
-        # Guess what the bodies send, of the sky and the sun alone
+        # Guess what the bodies send, of the sky and the sun alone, as if every sample lay in a hollow of its own
+        # openness v and reflectance rho: v/(1 - rho (1 - v)) of the open irradiance, 1 in a white or an open one
         exchange, open_ = self._exchange, self._open
         bodies, views = self._bodies, exchange.views
-        irradiance = np.concatenate(_products([body.own.plain for body in bodies], open_)) * self._first_guess()
+        seen = np.concatenate([view.openness for view in views])
+        hollow = (seen + 1e-6) / (1.0 - self._reflected * (1.0 - seen) + 1e-6)
+        irradiance = np.concatenate(_products([body.own.plain for body in bodies], open_)) * hollow
         sent = self._sent(irradiance)
         ground = NodeRadiance(self._shot, exchange, self._table, self._sunlight)
         # Let light go back and forth between bodies and ground until it settles
         steps = BOUNCES if exchange.samples.nnz or any(b.on_ground for b in bodies) or len(exchange.far.lit) else 0
         for step in range(steps):
             if step < 2:
-                self._around = self._with_far(open_, sent)
+                self._around = exchange.with_far(open_, sent)
                 nodes = ground.radiance(sent if step else None)
                 direct = np.concatenate(_products([body.own.direct for body in bodies], self._around))
                 for view, around, of, k in zip(views, self._around, nodes, exchange.first.tolist(), strict=False):
                     if not view.coarse.nothing:
                         direct[k : k + len(view.coarse.lost)] += view.coarse.ground @ of - view.coarse.lost @ around
-            before, irradiance = irradiance, direct + product(exchange.samples, sent)
+            before, irradiance = irradiance, direct + exchange.samples @ sent
             sent = self._sent(irradiance)
             if step > 1 and np.max(np.abs(irradiance - before)) <= _SETTLED * np.max(irradiance):
                 break
         # Find the light of the bodies' own points, and what they send to the ground
         values: tuple[NDArray[np.float32] | None, ...] = (None,) * len(self._shot.objects)
         if self._shot.draw.ambient_occlusion:
-            self._around = self._with_far(open_, sent)
+            self._around = exchange.with_far(open_, sent)
             nodes = ground.radiance(sent)
             everywhere = self._everywhere()
             values = tuple(self._values(k, everywhere[k], sent, nodes[k]) for k in range(len(bodies)))
         sent_down, ambient = exchange.sent_down(sent), self._shot.environment.ambient
         return AmbientLight(exchange.layout, values, self._table, sent_down, ambient)
-
-    def _with_far(self, open_: NDArray[np.float32], sent: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the light (B, COUNT, 3) around bodies with far bodies before it. sent: (all coarse samples, 3)."""
-        far = self._exchange.far
-        return far.before(open_, self._exchange.sent_sides(sent)) if len(far.lit) else open_
-
-    def _material(self, body: Body) -> tuple[Floats, Floats]:
-        """Return the fraction (C, 3) of light that the surface about a body's coarse samples sends back, and its
-        emission over the ambient light's fall with depth.
-        """
-        reflected, emission = self._cache.of(
-            _at_coarse, body.transfer, self._shot.refractive_index, keep=max(64, 2 * len(self._bodies))
-        )
-        return reflected, emission / self._sunlight.ambient(body.center[None])
-
-    def _first_guess(self) -> Floats:
-        """Return the ratio (samples, 3) of irradiance were every sample in a hollow of its own openness v and
-        reflectance: v/(1 - rho (1 - v)); 1 in a white or an open one.
-        """
-        seen = np.concatenate([view.openness for view in self._exchange.views])
-        return (seen + 1e-6) / (1.0 - self._reflected * (1.0 - seen) + 1e-6)
 
     def _sent(self, irradiance: Floats) -> Floats:
         """Return the radiance (all, 3) that coarse samples send to all sides, over the ambient light's fall with
@@ -282,7 +266,7 @@ class Solver:
             irradiance = at_body + of_others
         else:
             (plain, at_body, lost), first = own_light, self._exchange.first
-            inside = product(own.samples, sent[first[number] : first[number + 1]])
+            inside = own.samples @ sent[first[number] : first[number + 1]]
             irradiance = at_body - lost + inside + view.spread(body, *others)
         # Say both as a ratio to the light of a lone, convex body; mirrors have one of their own
         least = 1e-3 * plain.max() + 1e-9
@@ -290,10 +274,10 @@ class Solver:
         from_samples = transfer.lattice.from_samples
         met = view.met if len(self._shot.environment.glossy) else None
         values = np.zeros((from_samples.shape[0], FEW_CHANNELS if met is None else CHANNELS), np.float32)
-        values[:, :3] = product(from_samples, ratio)
+        values[:, :3] = from_samples @ ratio
         if met is not None:
             camera = self._shot.view.position
-            mirrored = product(from_samples, reflected_among(body, met, camera, light, around, sent, nodes))
+            mirrored = from_samples @ reflected_among(body, met, camera, light, around, sent, nodes)
             values[:, 4:7], values[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
         return values
 
@@ -304,7 +288,7 @@ class Solver:
         """
         if factors.nothing:
             return np.zeros((len(factors.lost), 3), np.float32)
-        return np.asarray(product(factors.samples, sent) + factors.ground @ nodes - factors.lost @ around)
+        return np.asarray(factors.samples @ sent + factors.ground @ nodes - factors.lost @ around)
 
 
 def _products(
@@ -325,8 +309,8 @@ def _products(
 
 def _at_coarse(transfer: Transfer, refractive_index: float) -> tuple[Floats, Floats]:
     """Return the reflectance (C, 3) and the emission (C, 3) of a mesh at its coarse samples."""
-    coarse = transfer.coarse
-    return coarse.mean(transfer.reflected(refractive_index)), coarse.mean(transfer.material.emission)
+    of_samples = transfer.reflected(refractive_index), transfer.material.emission
+    return transfer.coarse_means(of_samples[0]), transfer.coarse_means(of_samples[1])
 
 
 class Sunlight:
@@ -353,7 +337,7 @@ class Sunlight:
         if self._sun is None:
             return np.zeros((sum(map(len, place)), 3))
         towards = self._sun.direction
-        cosine = [b.transfer.lattice.normal[b.transfer.coarse.sample] @ (towards @ b.rotation) for b in bodies]
+        cosine = [b.transfer.lattice.normal[b.transfer.coarse] @ (towards @ b.rotation) for b in bodies]
         lit = np.concatenate(self._lit[: len(bodies)])
         return self._beam(np.concatenate(place)) * (np.maximum(np.concatenate(cosine), 0.0) * lit)[:, None]
 
@@ -379,7 +363,7 @@ class Sunlight:
 
 def _coarse(layout: Layout) -> list[Floats]:
     """Return the places (C, 3) of the coarse samples of each body in the world."""
-    parts = [(body.placed, body.transfer.lattice.position[body.transfer.coarse.sample]) for body in layout.bodies]
+    parts = [(body.placed, body.transfer.lattice.position[body.transfer.coarse]) for body in layout.bodies]
     return [placed.to_world(position) for placed, position in parts]
 
 
@@ -408,25 +392,24 @@ class NodeRadiance:
         behind = np.concatenate([layout.nodes[k] - layout.bodies[k].center for k in self._numbers])
         self._plain = ground_radiance(shot, map_, nodes, behind)
 
-    def _taken(self, sent: NDArray[np.float32]) -> Floats:
-        """Return 1 - r (all nodes, 3), at most 1. sent: (all coarse samples, 3) radiance that they send."""
-        exchange = self._exchange
-        bounced = exchange.layout.bounced(exchange.blocked, exchange.coarse, exchange.sent_down(sent))
-        lost = self._lost - bounced
-        at_nodes = (from_coarse() @ lost.reshape(-1, COARSE_NODES**2, 3)).reshape(-1, 3)
-        return np.minimum((at_nodes + self._shade) / self._whole, 1.0)
-
     def radiance(self, sent: NDArray[np.float32] | None) -> list[NDArray[np.float32]]:
         """Return the radiance (NODES^2, 3) that the nodes of each body send, none of bodies that do not see the ground.
 
         sent: (all coarse samples, 3) radiance that they send; None: as the ground is without bodies.
         """
-        found = [np.zeros((0, 3), np.float32)] * len(self._exchange.layout.bodies)
-        if self._numbers:
-            left = 1.0 if sent is None else 1.0 - self._taken(sent)
-            of_nodes = np.split((self._plain * left).astype(np.float32), len(self._numbers))
-            for k, values in zip(self._numbers, of_nodes, strict=True):
-                found[k] = values
+        exchange, left = self._exchange, np.ones(1)
+        found = [np.zeros((0, 3), np.float32)] * len(exchange.layout.bodies)
+        if not self._numbers:
+            return found
+        if sent is not None:
+            # r: less of the ambient light at coarse nodes, and of the sun at all
+            bounced = exchange.layout.bounced(exchange.blocked, exchange.coarse, exchange.sent_down(sent))
+            lost = (self._lost - bounced).reshape(-1, COARSE_NODES**2, 3)
+            at_nodes = (from_coarse() @ lost).reshape(-1, 3)
+            left = 1.0 - np.minimum((at_nodes + self._shade) / self._whole, 1.0)
+        of_nodes = np.split((self._plain * left).astype(np.float32), len(self._numbers))
+        for k, values in zip(self._numbers, of_nodes, strict=True):
+            found[k] = values
         return found
 
 
