@@ -35,7 +35,6 @@ from mr360uw.composite.ambient.blocked_light import HeightField, Occluders, Occl
 from mr360uw.composite.ambient.mesh_transfer import (
     COUNT,
     SOLID_ANGLE,
-    OwnView,
     Transfer,
     directions,
     shape_of,
@@ -70,15 +69,24 @@ _KEPT = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A placed mesh. own: what it does to its own light. rotation: (3, 3) its axes to the world's, rounded. shades:
-    whether it blocks light of the ground. height_m: of its middle above the ground, in the mesh's metres and rounded;
-    None without ground. center (3,), radius: of a ball around it at rest, in the world [m]. cache: keeps its field, as
-    many as `keep`; it keeps the body too, which does not hold it.
+    """A placed mesh. rotation: (3, 3) its axes to the world's, rounded. shades: whether it blocks light of the ground.
+    height_m: of its middle above the ground, in the mesh's metres and rounded; None without ground. center (3,),
+    radius: of a ball around it at rest, in the world [m]. cache: keeps its field, as many as `keep`; it keeps the body
+    too, which does not hold it.
+
+    What it does to its own light, float32. lost: (S, COUNT) irradiance [sr] that its own surface keeps off in each
+    direction, None if nothing; inside: (S, C) sparse, what its coarse samples add instead; left: (S, COUNT) irradiance
+    [sr] that each direction still adds. plain, direct: (C, COUNT) irradiance that each direction adds at the coarse
+    samples, were nothing in the way, and with the mesh itself.
     """
 
     placed: PlacedObject
     transfer: Transfer
-    own: OwnView
+    lost: NDArray[np.float32] | None
+    inside: Any
+    left: NDArray[np.float32]
+    plain: NDArray[np.float32]
+    direct: NDArray[np.float32]
     rotation: Floats
     shades: bool
     height_m: float | None
@@ -98,11 +106,6 @@ class Body:
     def origin(self) -> Floats:
         """Place (3,) of the body's origin in the world."""
         return self.placed.world_from_object[:3, 3]
-
-    def inside(self, points: Floats) -> Floats:
-        """Return points (n, 3) of the world in the body's axes, rounded: what is found there may be kept under them."""
-        local = (points - self.origin) @ self.rotation / self.placed.scale
-        return rounded(local, self.transfer.mesh.radius_m)
 
     @property
     def on_ground(self) -> bool:
@@ -283,8 +286,10 @@ class Layout:
             off = np.sum(to * to, axis=-1) - along**2
             near = np.flatnonzero((off < body.radius**2) & (along > -body.radius))
             if len(near):
+                # In the axes of the body, from rounded places as all that is kept
                 ray = np.broadcast_to(direction @ body.rotation, (len(near), 3))
-                lit[group][near] *= body.transfer.passed(body.inside(points[group][near]), ray)
+                start = (points[group][near] - body.origin) @ body.rotation / body.placed.scale
+                lit[group][near] *= body.transfer.passed(rounded(start, body.transfer.mesh.radius_m), ray)
         return lit
 
 
@@ -303,13 +308,13 @@ def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, ca
     mesh, linear, shadow = placed.mesh.still, placed.world_from_object[:3, :3], placed.casts_shadow
     bare = cache.of(shape_transfer, shape_of(mesh), keep=keep)
     transfer = cache.of(bare.painted, mesh, keep=keep)
-    own = cache.of(bare.own_view, shadow, keep=keep)
+    own = cache.of(bare.own_light, shadow, keep=keep)
     rotation, center, height_m = rounded(linear / placed.scale), placed.to_world(mesh.center_m), None
     if ground_y is not None:
         height_m = float(rounded((center[1] - ground_y) / placed.scale, mesh.radius_m))
     shades = seen_by_ground and shadow and transfer.opacity > 0.0
     radius = mesh.radius_m * placed.scale
-    return Body(placed, transfer, own, rotation, shades, height_m, center, radius, weakref.ref(cache), keep)
+    return Body(placed, transfer, *own, rotation, shades, height_m, center, radius, weakref.ref(cache), keep)
 
 
 _EXACT, _INTERPOLATED = 1.0, 2.0
@@ -387,7 +392,7 @@ class BodyView:
 
     def nothing(self, body: Body) -> bool:
         """Return whether nothing is in the way of the body's light."""
-        return not body.on_ground and self.coarse.samples.nnz + self.near.samples.nnz == 0 and body.own.lost is None
+        return not body.on_ground and self.coarse.samples.nnz + self.near.samples.nnz == 0 and body.lost is None
 
     def spread(self, body: Body, at_coarse: Floats, at_near: Floats) -> Floats:
         """Return values (S, n) at all samples from those at the coarse samples (C, n) and at the near samples (e,
@@ -535,15 +540,15 @@ def _view(seen: PartOf[tuple[Body, list[Neighbour]]], begin: int, total: int) ->
     if transfer.mesh.glossy:
         close[:] = 1.0  # every sample has a lobe of its own
     near_sample = np.flatnonzero(close)
-    cosine = body.own.left[near_sample]
+    cosine = body.left[near_sample]
     at_near, node = _form_factors(body, near, near_sample, cosine, total)
     at_coarse = (
         at_near.of(sample) if transfer.mesh.glossy
-        else _form_factors(body, near, sample, body.own.direct, total)[0]
+        else _form_factors(body, near, sample, body.direct, total)[0]
     )  # fmt: skip
-    lost = (body.own.plain - body.own.direct + at_coarse.lost).sum(axis=1, keepdims=True)
+    lost = (body.plain - body.direct + at_coarse.lost).sum(axis=1, keepdims=True)
     lost -= at_coarse.ground.sum(axis=1, keepdims=True)
-    openness = 1.0 - lost / body.own.plain.sum(axis=1, keepdims=True)
+    openness = 1.0 - lost / body.plain.sum(axis=1, keepdims=True)
     met = _met_by(body, at_near, cosine, node, begin) if transfer.mesh.glossy else None
     part = close[near_sample, None].astype(np.float32)
     return BodyView(at_coarse, at_near, near_sample, part, body.mean_sent(), openness, met)
@@ -633,7 +638,7 @@ def _met_by(
     """
     samples, seen = factors.samples, np.full(cosine.shape, -1, np.int16) if node is None else node
     # Sort what the body blocks itself by sample
-    order = np.argsort(body.transfer.own[0], kind="stable") if body.own.lost is not None else np.zeros(0, np.int64)
+    order = np.argsort(body.transfer.own[0], kind="stable") if body.lost is not None else np.zeros(0, np.int64)
     of_sample, own_way, hit = body.transfer.own[:, order]
     own_target = (body.transfer.nearest_coarse[hit] + begin + 1).astype(np.int32)
     own = np.searchsorted(of_sample, np.arange(len(cosine) + 1)), own_way, own_target, body.transfer.own_part[order]
@@ -825,7 +830,7 @@ def make_exchange(layout: Layout, cache: Cache) -> Exchange:
     first = np.concatenate([[0], np.cumsum([len(body.transfer.coarse) for body in bodies])]).astype(np.int64)
     near, far = near_shares(bodies)
     views = body_views(bodies, first, near, cache)
-    own = block_diag([body.own.samples[body.transfer.coarse] for body in bodies], format="csr")
+    own = block_diag([body.inside[body.transfer.coarse] for body in bodies], format="csr")
     samples = vstack([view.coarse.samples for view in views], format="csr") + own
     places = np.concatenate([body.world_nodes(COARSE_NODES) for body in bodies])
     blocked = layout.occluders.blocked(places, np.tile([0.0, 1.0, 0.0], (len(places), 1)))

@@ -448,21 +448,6 @@ def met_samples(
     return MetSamples(met.ray, sample, met.gone + distance, behind, met.part.astype(np.float32))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OwnView:
-    """What a mesh does to its own light. lost: (S, COUNT) float32, irradiance [sr] that its own surface keeps off in
-    each direction, None if nothing; samples: (S, C) sparse, what its coarse samples add instead; left: (S, COUNT)
-    float32, irradiance [sr] that each direction still adds. plain, direct: (C, COUNT) irradiance that each direction
-    adds at the coarse samples, were nothing in the way, and with the mesh itself.
-    """
-
-    lost: NDArray[np.float32] | None
-    samples: Any
-    left: NDArray[np.float32]
-    plain: NDArray[np.float32]
-    direct: NDArray[np.float32]
-
-
 class SampledMaterial(NamedTuple):
     """Material of a mesh at its samples, maps averaged about them: base colour (S, 3), emission (S, 3)
     [plate radiance], metallic (S,), roughness (S,) and refractive index (S,).
@@ -531,20 +516,22 @@ class Transfer:
         """Return where rays (n, 3) meet the mesh."""
         return met_samples(self.geometry, self.lattice, 1e-6 * self.mesh.radius_m, origins, directions)
 
-    def own_view(self, shadow: bool) -> OwnView:
-        """Return what the mesh does to its own light if it casts a `shadow`."""
+    def own_light(self, shadow: bool) -> tuple[NDArray[np.float32] | None, Any, *tuple[NDArray[np.float32], ...]]:
+        """Return lost, inside, left, plain and direct of `Body`: what the mesh does to its own light if it casts a
+        `shadow`.
+        """
         from scipy.sparse import csr_matrix
 
         sample, direction, hit = self.own
         plain = self.cosine[self.coarse]
         shape = (len(self.cosine), len(self.coarse))
         if not shadow or len(sample) == 0:
-            return OwnView(None, csr_matrix(np.zeros(shape, np.float32)), self.cosine, plain, plain)
+            return None, csr_matrix(np.zeros(shape, np.float32)), self.cosine, plain, plain
         weight = self.cosine[sample, direction] * self.own_part
         samples = csr_matrix((weight, (sample, self.nearest_coarse[hit])), shape=shape)
         lost = np.zeros_like(self.cosine)
         np.add.at(lost, (sample, direction), weight)
-        return OwnView(lost, samples, self.cosine - lost, plain, plain - lost[self.coarse])
+        return lost, samples, self.cosine - lost, plain, plain - lost[self.coarse]
 
     def reflected(self, medium_index: float) -> Floats:
         """Return the fraction (S, 3) of ambient light that samples send back, the coat's part taken as diffuse.

@@ -194,7 +194,7 @@ class Solver:
         bodies, views = self._bodies, exchange.views
         seen = np.concatenate([view.openness for view in views])
         hollow = (seen + 1e-6) / (1.0 - self._reflected * (1.0 - seen) + 1e-6)
-        irradiance = np.concatenate(_products([body.own.plain for body in bodies], open_)) * hollow
+        irradiance = np.concatenate(_products([body.plain for body in bodies], open_)) * hollow
         sent = self._sent(irradiance)
         ground = NodeRadiance(self._shot, exchange, self._table, self._sunlight)
         # Let light go back and forth between bodies and ground until it settles
@@ -203,7 +203,7 @@ class Solver:
             if step < 2:
                 self._around = exchange.with_far(open_, sent)
                 nodes = ground.radiance(sent if step else None)
-                direct = np.concatenate(_products([body.own.direct for body in bodies], self._around))
+                direct = np.concatenate(_products([body.direct for body in bodies], self._around))
                 for view, around, of, k in zip(views, self._around, nodes, exchange.first.tolist(), strict=False):
                     if not view.coarse.nothing:
                         direct[k : k + len(view.coarse.lost)] += view.coarse.ground @ of - view.coarse.lost @ around
@@ -235,9 +235,9 @@ class Solver:
         for k, body in enumerate(self._bodies):
             if self._exchange.untouched(k):
                 continue
-            plain = body.own.plain if body.own.lost is None else body.transfer.cosine
+            plain = body.plain if body.lost is None else body.transfer.cosine
             needs += [(k, plain, self._radiance), (k, plain, self._around)]
-            needs += [(k, body.own.lost, self._around)] if body.own.lost is not None else []
+            needs += [(k, body.lost, self._around)] if body.lost is not None else []
         products = _products([matrix for _, matrix, _ in needs], [light[k] for k, _, light in needs])
         found: list[tuple[Floats, ...]] = [()] * len(self._bodies)
         for (k, _, _), of_matrix in zip(needs, products, strict=True):
@@ -255,10 +255,10 @@ class Solver:
         light, around = self._radiance[number], self._around[number]
         if self._exchange.untouched(number):
             return None
-        transfer, own = body.transfer, body.own
+        transfer = body.transfer
         others = [self._from_others(factors, around, sent, nodes) for factors in (view.coarse, view.near)]
         # Add what the body does to itself: a hull in the sky's place, or its own form factors
-        if own.lost is None:
+        if body.lost is None:
             both = np.append(light, around, axis=1)
             at_coarse = np.concatenate([*own_light, others[0]], axis=1)
             near = np.append(transfer.cosine[view.near_sample] @ both, others[1], axis=1)
@@ -266,7 +266,7 @@ class Solver:
             irradiance = at_body + of_others
         else:
             (plain, at_body, lost), first = own_light, self._exchange.first
-            inside = own.samples @ sent[first[number] : first[number + 1]]
+            inside = body.inside @ sent[first[number] : first[number + 1]]
             irradiance = at_body - lost + inside + view.spread(body, *others)
         # Say both as a ratio to the light of a lone, convex body; mirrors have one of their own
         least = 1e-3 * plain.max() + 1e-9

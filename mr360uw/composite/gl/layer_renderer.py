@@ -87,13 +87,13 @@ class LayerRenderer:
         light = self._light.of(shot)
         surfaces = self._objects.find(shot) if object_parts else None
         gaps = surfaces.layers[-1].gaps if surfaces is not None and surfaces.layers else NO_GAPS
-        on_blocks = self._receiver.light(shot, light, prepared.reach, gaps)
-        parts = object_parts + ([] if on_blocks is None else rectangles_of_blocks(on_blocks[0], view))
+        blocks, ground = self._receiver.light(shot, light, prepared.reach, gaps)
+        parts = object_parts + ([] if blocks is None else rectangles_of_blocks(blocks, view))
         tiles = even_tiles(parts, view.width, view.height)
-        drawn = [empty_tile(part, bare=on_blocks is not None) for part in tiles]
+        drawn = [empty_tile(part, bare=ground is not None) for part in tiles]
         if surfaces is not None:
             self._objects.draw((shot, light, surfaces), drawn, frame, ambient)
-        layer = Layer(view.height, view.width, tuple(drawn), None if on_blocks is None else on_blocks[1])
+        layer = Layer(view.height, view.width, tuple(drawn), ground)
         if not shot.has_mattes:
             return layer
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in layer.laid().tiles))
@@ -151,12 +151,12 @@ class ReceiverPass:
 
     def light(
         self, shot: Shot, light: ShadingInputs, reach: GroundReach | None, gaps: Gaps
-    ) -> tuple[Blocks, BlockGround] | None:
+    ) -> tuple[Blocks, BlockGround] | tuple[None, None]:
         """Return the blocks that change and the light on them; None where none do. gaps: of pixels that bodies cover
         partly.
         """
         if reach is None or shot.receiver is None:
-            return None
+            return None, None
         # Find what is seen of the sun, which does not depend on its light; what was prepared serves other frames too
         reach = replace(reach, corner=reach.corner.copy())
         ground = reach.ground
@@ -176,7 +176,7 @@ class ReceiverPass:
         set_plate_light(shot, reach, blocks)
         j, i = places_in_mask(blocks)
         if len(j) == 0:
-            return None
+            return None, None
         # Take the sun at pixels on edges of level ground; draw all else pixel by pixel, with the features that it needs
         edge, lamplit = sight.edge[j, i], reach.lamplit[j, i]
         rough = ground.rough[j, i] | lamplit
