@@ -448,6 +448,10 @@ def met_samples(
     return MetSamples(met.ray, sample, met.gone + distance, behind, met.part.astype(np.float32))
 
 
+Irradiance = NDArray[np.float32]
+"""Irradiance [sr] that each direction adds to samples, (n, COUNT)."""
+
+
 class SampledMaterial(NamedTuple):
     """Material of a mesh at its samples, maps averaged about them: base colour (S, 3), emission (S, 3)
     [plate radiance], metallic (S,), roughness (S,) and refractive index (S,).
@@ -516,7 +520,7 @@ class Transfer:
         """Return where rays (n, 3) meet the mesh."""
         return met_samples(self.geometry, self.lattice, 1e-6 * self.mesh.radius_m, origins, directions)
 
-    def own_light(self, shadow: bool) -> tuple[NDArray[np.float32] | None, Any, *tuple[NDArray[np.float32], ...]]:
+    def own_light(self, shadow: bool) -> tuple[Irradiance | None, Any, Irradiance, Irradiance, Irradiance]:
         """Return lost, inside, left, plain and direct of `Body`: what the mesh does to its own light if it casts a
         `shadow`.
         """
