@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from mr360uw.base.files import is_pattern, numbered, write_whole
 from mr360uw.base.input_files import stamp
-from mr360uw.errors import Mr360uwError, ParameterError
+from mr360uw.errors import ParameterError
 from mr360uw.ibl.tilt import roll_pitch
-from mr360uw.tune.controls import Button, Choice, Text, text_input, told
+from mr360uw.tune.controls import Button, Choice, Text, text_input
 from mr360uw.tune.fields import SAME_S
 from mr360uw.tune.lasso import (
     Kind,
@@ -125,16 +125,15 @@ _KNOWN = {
 
 
 class _PointTool:
-    """A tool of a tab for points that are clicked, in a bar of its own. failed: tells an error.
+    """A tool of a tab for points that are clicked, in a bar of its own.
 
     changed: called when the clicks change. asks: what the bar says while there are none.
     """
 
     asks = ""
 
-    def __init__(self, session: Session, failed: Callable[[Exception], None], changed: Callable[[], None]) -> None:
-        self._session, self._document = session, session.document
-        self._failed, self._changed = failed, changed
+    def __init__(self, session: Session, changed: Callable[[], None]) -> None:
+        self._session, self._document, self._changed = session, session.document, changed
         self.clicks: list[Point] = []
         self._camera: View | None = None
         with ui.element("span").classes("floor-tool") as self._root:
@@ -176,12 +175,11 @@ class FloorTool(_PointTool):
         Button("Set floor", self._set)
 
     def _set(self) -> None:
-        with told(self._failed):
-            height_m, error_m, assumed = self._fit()
-            self._document.apply("floor by clicks", {"receiver.height_m": round(height_m, 3)})
-            spread = f", the clicks deviate by {error_m:.2g} m" if error_m else ""
-            ui.notify(f"The sea floor is at {height_m:.2f} m{spread}: {assumed}.")
-            self.begin(shown=True)
+        height_m, error_m, assumed = self._fit()
+        self._document.apply("floor by clicks", {"receiver.height_m": round(height_m, 3)})
+        spread = f", the clicks deviate by {error_m:.2g} m" if error_m else ""
+        ui.notify(f"The sea floor is at {height_m:.2f} m{spread}: {assumed}.")
+        self.begin(shown=True)
 
     def _fit(self) -> FloorFit:
         """Return the floor of the clicks; raise `ParameterError`."""
@@ -289,11 +287,10 @@ class LevelTool(_PointTool):
 
     def _set(self) -> None:
         assert self._camera is not None
-        with told(self._failed):
-            roll, pitch = roll_pitch(up_of_horizon(self.clicks, self._camera.world_from_camera[1]))
-            self._document.apply("level by the horizon", self._changes(float(degrees(roll)), float(degrees(pitch))))
-            ui.notify(f"The camera's roll is {degrees(roll):z.1f}, its pitch {degrees(pitch):z.1f} degrees.")
-            self.begin(shown=True)
+        roll, pitch = roll_pitch(up_of_horizon(self.clicks, self._camera.world_from_camera[1]))
+        self._document.apply("level by the horizon", self._changes(float(degrees(roll)), float(degrees(pitch))))
+        ui.notify(f"The camera's roll is {degrees(roll):z.1f}, its pitch {degrees(pitch):z.1f} degrees.")
+        self.begin(shown=True)
 
     def _changes(self, roll_deg: float, pitch_deg: float) -> dict[str, Any]:
         """Return the keys that level the camera: of this frame where its tilt has keys."""
@@ -324,14 +321,13 @@ _TOLD_FRAMES = 5
 
 
 class LassoTool:
-    """The tool of a tab. failed: tells an error. changed: called when what is drawn or shown changes.
+    """The tool of a tab. changed: called when what is drawn or shown changes.
 
     lines: what is drawn, in this frame. kind: of the next line.
     """
 
-    def __init__(self, session: Session, failed: Callable[[Exception], None], changed: Callable[[], None]) -> None:
-        self._session, self._document = session, session.document
-        self._failed, self._changed = failed, changed
+    def __init__(self, session: Session, changed: Callable[[], None]) -> None:
+        self._session, self._document, self._changed = session, session.document, changed
         self._folder, self._clip = session.document.path.parent, session.frame_count > 1
         self.lines: list[Line] = []
         self.kind: Kind = "outline"
@@ -488,8 +484,6 @@ class LassoTool:
         self._tell()
         try:
             await work()
-        except (Mr360uwError, OSError) as error:
-            self._failed(error)
         finally:
             self._doing = ""
             self.follow()

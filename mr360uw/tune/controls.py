@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import Any, Literal
@@ -32,14 +31,14 @@ from mr360uw.tune.fields import (
 )
 from mr360uw.tune.session import Session
 
+TOLD = (Mr360uwError, ValueError, OSError)
+"""Errors that a tab tells whoever asked for something; of others the terminal has the details."""
 
-@contextmanager
-def told(failed: Callable[[Exception], None]) -> Iterator[None]:
-    """A context that ends at an error of what a user asks for. failed: tells the error."""
-    try:
-        yield
-    except (Mr360uwError, ValueError, OSError) as error:
-        failed(error)
+
+def tell_error(error: Exception) -> None:
+    """Show an error in the present tab."""
+    if isinstance(error, TOLD):
+        ui.notify(str(error), type="negative", multi_line=True, timeout=8000, close_button="Close")
 
 
 class Text(TextElement):
@@ -242,7 +241,7 @@ class ControlPanel(Element, component="controls.js"):
 
     mark: called with the dotted key of a parameter that is to be keyed, and its default. choose: called with a list's
     key and the number of its entry that is chosen. in_words: called with an object's number, the word, its value and
-    the group of a drag; sets it and returns whether it did, where others had to change with it. failed: tells an error.
+    the group of a drag; sets it and returns whether it did, where others had to change with it.
     """
 
     def __init__(
@@ -252,11 +251,10 @@ class ControlPanel(Element, component="controls.js"):
         mark: Callable[[str, Any], None],
         choose: Callable[[str, int], None],
         in_words: Callable[[int, str, Any, str | None], bool],
-        failed: Callable[[Exception], None],
     ) -> None:
         super().__init__()
         self._in_words, self._words = in_words, dict[str, Any]()
-        self._session, self._document, self._failed = session, session.document, failed
+        self._session, self._document = session, session.document
         tables = groups()
         self._fields = {
             f"{group.key}.{field.key}": field for group in tables for tag in group.tags for field in group.fields(tag)
@@ -351,9 +349,10 @@ class ControlPanel(Element, component="controls.js"):
         self._try(lambda: self._document.append(event.args["key"], event.args["table"]))
 
     def _try(self, action: Callable[[], object]) -> None:
-        with told(self._failed):
+        try:
             action()
-        self.refresh()  # also where nothing changed, so that the control shows the value that counts
+        finally:
+            self.refresh()  # also where nothing changed, so that the control shows the value that counts
 
 
 def _word(value: Any) -> str:

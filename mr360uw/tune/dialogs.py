@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from nicegui import background_tasks, ui
 
+from mr360uw import match
 from mr360uw.base.constants import DEPTH_EYES_S, DEPTH_FRAME_S
 from mr360uw.base.files import write_whole
 from mr360uw.errors import Mr360uwError, ParameterError
@@ -30,9 +31,9 @@ _SCALES = {"1": "full size", "0.5": "half size", "0.25": "quarter size"}
 
 
 class RenderDialog:
-    """The dialog of a tab. guarded: runs an action and tells its error. The run itself belongs to the session."""
+    """The dialog of a tab. The run itself belongs to the session."""
 
-    def __init__(self, session: Session, guarded: Callable[[Callable[[], Any]], None]) -> None:
+    def __init__(self, session: Session) -> None:
         self._session, self._document = session, session.document
         self._scale, self._overwrite = "1", False
         with (
@@ -59,10 +60,8 @@ class RenderDialog:
             self._text = Text("", "p", "run-text").props("role=status")
             self._link = ui.element("div")
             with ui.element("div").classes("row-field"):
-                self._save_first = Button(
-                    "Save and render", lambda: guarded(lambda: self._start(save=True)), classes="primary"
-                )
-                self._copy = Button("Render without saving", lambda: guarded(lambda: self._start(save=False)))
+                self._save_first = Button("Save and render", lambda: self._start(save=True), classes="primary")
+                self._copy = Button("Render without saving", lambda: self._start(save=False))
                 self._cancel = Button("Cancel the run", self._stop)
                 ui.element("span").classes("grow")
                 Button("Close", self._dialog.close)
@@ -148,10 +147,10 @@ _PATCH_DEG = 12.0
 
 
 class MatchDialog:
-    """The dialog of a tab. guarded: runs an action and tells its error."""
+    """The dialog of a tab."""
 
-    def __init__(self, session: Session, guarded: Callable[[Callable[[], Any]], None]) -> None:
-        self._session, self._guarded = session, guarded
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self._changes: dict[str, Any] = {}
         self._name, self._running = "", False
         with ui.dialog() as self._dialog, ui.element("div").classes("card wide").props("aria-label='Match'"):
@@ -160,14 +159,14 @@ class MatchDialog:
             self._bar = ui.element("progress").props("aria-label='matching'")
             self._shown = ui.element("div").classes("match-pictures")
             with ui.element("div").classes("row-field"):
-                self._apply = Button("Apply", lambda: guarded(self._take), classes="primary")
+                self._apply = Button("Apply", self._take, classes="primary")
                 ui.element("span").classes("grow")
                 Button("Close", self._dialog.close)
 
     def caustics(self) -> None:
         """Fit the sea to the caustics on the plate's floor."""
         scene = self._session.document.scene
-        self._start("Match the caustics on the floor", "matched caustics", partial(_caustics, scene))
+        self._start("Match the caustics on the floor", "matched caustics", lambda: match.match_caustics(scene))
 
     def water(self, point: Point) -> None:
         """Fit the water to the plate around a point."""
@@ -218,12 +217,7 @@ class MatchDialog:
         self._apply.enable(False)
 
     def _show_floors(self, found: CausticMatch) -> None:
-        from mr360uw.match.floor_series import floor_pictures, spectrum_pictures
-
-        shown = [one for one in (found.plate, found.before, found.after) if one is not None]
-        if not shown:
-            return
-        for name, codes in (("floors", floor_pictures(shown)), ("spectra", spectrum_pictures(shown, found.pixel_m))):
+        for name, codes in zip(("floors", "spectra"), found.pictures().values(), strict=False):
             number = self._session.replaced(f"match {name}", encoded(codes, ".jpg"))
             ui.element("img").props(f'src="/picture/{number}" alt="{name} of plate and scene, before and after"')
 
@@ -240,18 +234,11 @@ def _show_colours(found: WaterMatch) -> None:
         Text(f"Deviation from the plate: {found.rms_before:.1f} codes before, {found.rms_after:.1f} after.", "p")
 
 
-def _caustics(scene: Scene) -> CausticMatch:
-    from mr360uw.match import match_caustics
-
-    return match_caustics(scene)
-
-
 def _water(scene: Scene, point: Point, index: int) -> WaterMatch:
-    from mr360uw.match import WaterPatch, match_water
-
     yaw, pitch = np.degrees(point.longitude), np.degrees(point.latitude)
     limit = 88.0 - 0.5 * _PATCH_DEG
-    return match_water(scene, WaterPatch(float(yaw), float(np.clip(pitch, -limit, limit)), _PATCH_DEG), index)
+    patch = match.WaterPatch(float(yaw), float(np.clip(pitch, -limit, limit)), _PATCH_DEG)
+    return match.match_water(scene, patch, index)
 
 
 def _plain(value: Any) -> Any:
@@ -271,10 +258,10 @@ _TITLE = (
 
 
 class DepthTool:
-    """The button of a tab; pressed again, it ends the run. failed: tells an error."""
+    """The button of a tab; pressed again, it ends the run."""
 
-    def __init__(self, session: Session, failed: Callable[[Exception], None]) -> None:
-        self._session, self._failed = session, failed
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self._run: CommandRun | None = None
         frames = session.frame_count
         eyes = session.document.scene.plate.eye == "both"
@@ -283,7 +270,7 @@ class DepthTool:
         self._button = Button("Find depth", self._pressed, title=title)
         self._button.set_visibility(frames > 1 or eyes)
 
-    def _pressed(self) -> None:
+    async def _pressed(self) -> None:
         # Pressed again, it stops
         if self._run is not None:
             self._run.cancel()
@@ -295,32 +282,27 @@ class DepthTool:
         if scene.plate.eye == "both":
             command += ["--eye", "both", "--ipd", str(scene.camera.ipd_m)]
         elif scene.camera.track is None:
-            problem = (
+            raise ParameterError(
                 "camera.track - is not set, so distances have no scale (got none) - run mr360uw track on the plate "
                 "with --height, and name the table"
             )
-            self._failed(ParameterError(problem))
-            return
         else:
             command += ["--track", str(scene.camera.track)]
             command += [] if scene.plate.eye is None else ["--eye", scene.plate.eye]
-        self._run = CommandRun(folder, self._show)
-        background_tasks.create(self._finish(self._run, [*command, "--progress-lines"]), name="depth")
-
-    async def _finish(self, run: CommandRun, command: list[str]) -> None:
+        # Run it, and name its maps in the scene
+        run = self._run = CommandRun(folder, self._show)
         self._show()
         try:
-            await run.run(command)
+            await run.run([*command, "--progress-lines"])
         finally:
             self._run = None
             self._show()
         if run.state == "failed":
-            self._failed(ParameterError(run.message))
-        elif run.state == "done":
+            raise ParameterError(run.message)
+        if run.state == "done":
             self._session.document.set("plate.depth", Path(run.out).name)
             if not self._button.is_deleted:
-                with self._button.client:
-                    ui.notify(run.message, type="positive", timeout=8000, close_button="Close")
+                ui.notify(run.message, type="positive", timeout=8000, close_button="Close")
 
     def _show(self) -> None:
         run = self._run

@@ -289,8 +289,7 @@ def with_value(text: str, key: Key, value: Any) -> str:
     text = _with_table(text, key[:-1])
     text = _with_line_of(text, key)
     document = tomlkit.parse(text)
-    table = _table_at(document, key[:-1])
-    table[key[-1]] = _item(value, inline=isinstance(table, InlineTable))
+    _table_at(document, key[:-1])[key[-1]] = value
     return tomlkit.dumps(document)
 
 
@@ -329,17 +328,10 @@ def with_entry(text: str, key: Key, table: dict[str, Any]) -> str:
     document = tomlkit.parse(text)
     parent = _table_at(document, key[:-1])
     entries = parent.get(key[-1])
-    if isinstance(entries, AoT):
-        entries.append(_table(table))
-    elif isinstance(entries, Array) or isinstance(parent, InlineTable):
-        inline = tomlkit.inline_table()
-        inline.update(table)
-        if entries is None:
-            parent[key[-1]] = [inline]
-        else:
-            entries.append(inline)
+    if isinstance(entries, AoT | Array):
+        entries.append(table)
     else:
-        parent[key[-1]] = _item([table], inline=False)
+        parent[key[-1]] = [table]
     return tomlkit.dumps(document)
 
 
@@ -358,23 +350,6 @@ def _table_at(document: Any, key: Key) -> Any:
             short["path"] = table[part]
             table[part] = short
         table = table[part]
-    return table
-
-
-def _item(value: Any, *, inline: bool) -> Any:
-    """Return a value as TOML writes it: lists of tables as [[...]], or in one line inside of a table of one line."""
-    if isinstance(value, tuple | list) and value and all(isinstance(entry, dict) for entry in value) and not inline:
-        entries = tomlkit.aot()
-        for entry in value:
-            entries.append(_table(entry))
-        return entries
-    return tomlkit.item(list(value) if isinstance(value, tuple) else value)
-
-
-def _table(values: dict[str, Any]) -> Any:
-    table = tomlkit.table()
-    for name, value in values.items():
-        table[name] = _item(value, inline=False)
     return table
 
 

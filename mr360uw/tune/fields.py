@@ -22,6 +22,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import bounds_text, models_of
 from mr360uw.scene.toml_model import toml_value
 from mr360uw.tune.document import Document
+from mr360uw.tune.views import round_length
 
 Kind = Literal["number", "integer", "choice", "switch", "vector", "colour", "path", "text", "toml"]
 """toml: lists, tables, and values of several types, written as in a scene file."""
@@ -128,8 +129,7 @@ class Field:
         wanted = (self.span[1] - self.span[0]) / 200.0
         if self.logarithmic:
             wanted = max(self.span[0], 0.01 * abs(self.default or 0.0))
-        place = 10.0 ** math.floor(math.log10(wanted))
-        return place * max(k for k in (1.0, 2.0, 5.0) if k * place <= wanted * (1.0 + 1e-9))
+        return round_length(wanted)
 
     @property
     def default_text(self) -> str | None:

@@ -11,10 +11,10 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from mr360uw.base.parameters import bounds_of, stated
-from mr360uw.errors import Mr360uwError, OutputExistsError
+from mr360uw.errors import OutputExistsError
 from mr360uw.scene.key_targets import target_of
 from mr360uw.tune import fields
-from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, alert, menu, told
+from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, alert, menu, tell_error
 from mr360uw.tune.dialogs import DepthTool, MatchDialog, RenderDialog
 from mr360uw.tune.place_tools import PlaceTools, ShownPicture
 from mr360uw.tune.session import Event, Session
@@ -33,24 +33,25 @@ class TunePage:
         self.session, self.document, self._begun = session, session.document, False
         self.client = ui.context.client
         with ui.element("div").classes("page") as self.root:
-            self.header = Header(session, self.guarded, self.save)
+            self.header = Header(session, self.save)
             with ui.element("div").classes("page-controls"):
                 self.controls = ControlPanel(
-                    session, failed=self.failed,
+                    session,
                     mark=lambda key, default: self.time.mark(key, default),  # noqa: PLW0108 - it is made later
                     choose=lambda key, number: self.place.select(number) if key == "object" else None,
                     in_words=lambda *word: self.place.set_word(*word),  # noqa: PLW0108 - it is made later
                 )  # fmt: skip
-            self.stage = ShownPicture(session, self.failed)
-            self.render = RenderDialog(session, self.guarded)
-            self.match = MatchDialog(session, self.guarded)
+            self.stage = ShownPicture(session)
+            self.render = RenderDialog(session)
+            self.match = MatchDialog(session)
             with self.header.tools:
                 Button("Match caustics", self.match.caustics, title="fit the sea to the caustics on the plate's floor")
-                MeasureTool(session, self.failed)
-                DepthTool(session, self.failed)
+                MeasureTool(session)
+                DepthTool(session)
                 Button("Render …", self.render.open, title="composite the whole clip")
-            self.place = PlaceTools(session, self.stage, self.failed, self.match.water, self.controls.show_words)
-            self.time = TimePanel(session, self.guarded)
+            self.place = PlaceTools(session, self.stage, self.match.water, self.controls.show_words)
+            self.time = TimePanel(session)
+        ui.on_exception(tell_error)
         ui.on("tune", lambda event: self._pressed(str(event.args)))
         self.client.on_delete(session.observe(self._follow))
         self._follow("document")
@@ -58,24 +59,12 @@ class TunePage:
         self._follow("time")
         self._follow("thumbnails")
 
-    def guarded(self, action: Callable[[], Any]) -> None:
-        """Run an action of the user; tell its error."""
-        with told(self.failed):
-            action()
-
-    def failed(self, error: Exception) -> None:
-        """Tell an error."""
-        with self.root:
-            ui.notify(str(error), type="negative", multi_line=True, timeout=8000, close_button="Close")
-
     def save(self) -> None:
         """Save the document; ask first where the file was changed meanwhile."""
         try:
             self.document.save()
         except OutputExistsError:
             self.header.ask_overwrite()
-        except (Mr360uwError, OSError) as error:
-            self.failed(error)
 
     def _follow(self, event: Event) -> None:
         # A scene that changed changes all; the first picture lets the rest begin
@@ -111,7 +100,7 @@ class TunePage:
             "darker": lambda: self.place.trim(-1), "brighter": lambda: self.place.trim(1),
         }  # fmt: skip
         if name in actions:
-            self.guarded(actions[name])
+            actions[name]()
 
 
 # The page's header: file, unsaved mark, undo, redo, save, presets, snapshots, dark or light.
@@ -139,22 +128,20 @@ _MODES: dict[str, bool | None] = {"auto": None, "dark": True, "light": False}
 
 
 class Header:
-    """The header of a tab. guarded: runs an action and tells its error. save: saves the document."""
+    """The header of a tab. save: saves the document."""
 
-    def __init__(
-        self, session: Session, guarded: Callable[[Callable[[], Any]], None], save: Callable[[], None]
-    ) -> None:
-        self._session, self._document, self._guarded = session, session.document, guarded
+    def __init__(self, session: Session, save: Callable[[], None]) -> None:
+        self._session, self._document = session, session.document
         document = session.document
         with ui.element("header").classes("page-header") as self.root:
             Text(document.path.name, "h1").props["title"] = str(document.path.resolve())
             self._unsaved = Text("", classes="muted unsaved").props("role=status")
-            self._undo = Button("↶ Undo", lambda: guarded(document.undo))
-            self._redo = Button("↷ Redo", lambda: guarded(document.redo))
+            self._undo = Button("↶ Undo", document.undo)
+            self._redo = Button("↷ Redo", document.redo)
             Button("Save", save, title="save the scene file (Ctrl+S)", classes="primary")
             with menu("Presets", "values that suit one kind of dive"):
                 for name, values in PRESETS.items():
-                    ui.menu_item(name, partial(guarded, partial(document.apply, f"preset {name}", values)))
+                    ui.menu_item(name, partial(document.apply, f"preset {name}", values))
             self._snapshots = menu("Snapshots", "states kept while the page is open")
             self.tools = ui.element("span").classes("header-tools")
             ui.element("span").classes("grow")
@@ -195,9 +182,8 @@ class Header:
         with self._snapshots:
             ui.menu_item("Keep the present state", self._keep)
             for name, text in self._document.snapshots.items():
-                back = partial(self._document.replace, f"back to {name}", text)
                 ui.separator()
-                ui.menu_item(f"Back to {name}", partial(self._guarded, back))
+                ui.menu_item(f"Back to {name}", partial(self._document.replace, f"back to {name}", text))
                 ui.menu_item(f"Forget {name}", partial(self._document.forget, name))
 
     def _keep(self) -> None:
@@ -207,14 +193,14 @@ class Header:
         self._document.keep(f"snapshot {number}")
 
     def _show_notices(self) -> None:
-        document, guarded = self._document, self._guarded
+        document = self._document
         self._notices.clear()
         with self._notices:
             if document.outside is not None:
                 with ui.element("div").classes("notice").props("role=alert"):
                     Text("The scene file was changed by another program.")
-                    Button("Take its text", lambda: guarded(document.take_outside))
-                    Button("Overwrite it with mine", lambda: guarded(lambda: document.save(overwrite=True)))
+                    Button("Take its text", document.take_outside)
+                    Button("Overwrite it with mine", lambda: document.save(overwrite=True))
             if document.problems:
                 alert(document.problems)
 
@@ -225,10 +211,10 @@ _AXES = ("right", "up", "back")
 
 
 class TimePanel:
-    """The time line of a tab. guarded: runs an action and tells its error."""
+    """The time line of a tab."""
 
-    def __init__(self, session: Session, guarded: Callable[[Callable[[], Any]], None]) -> None:
-        self._session, self._document, self._guarded = session, session.document, guarded
+    def __init__(self, session: Session) -> None:
+        self._session, self._document = session, session.document
         self._chosen, self._drag = "", 0
         self._playing = False
         clip = session.clip
@@ -314,9 +300,11 @@ class TimePanel:
             return
         pairs = keys if component is None else fields.with_component(self._document, key, component, keys)
         group = f"{self._line.client.id} keys {self._drag}"
-        self._guarded(partial(fields.set_keys, self._document, name, pairs, interpolation, group=group))
-        self._drag += done
-        self.refresh()
+        try:
+            fields.set_keys(self._document, name, pairs, interpolation, group=group)
+        finally:
+            self._drag += done
+            self.refresh()
 
     def show_thumbnails(self) -> None:
         """Show the small pictures of the plate that there are."""
@@ -331,19 +319,17 @@ class _StoppedError(Exception):
 
 
 class MeasureTool:
-    """The button of a tab; pressed again, it ends the pass. failed: tells an error."""
+    """The button of a tab; pressed again, it ends the pass."""
 
-    def __init__(self, session: Session, failed: Callable[[Exception], None]) -> None:
-        self._session, self._failed = session, failed
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self._running, self._stop = False, False
         self._button = Button("Measure clip", self._pressed, title=_TITLE)
 
-    def _pressed(self) -> None:
-        self._stop = self._running
-        if not self._running:
-            background_tasks.create(self._run(), name="measure clip")
-
-    async def _run(self) -> None:
+    async def _pressed(self) -> None:
+        if self._running:
+            self._stop = True
+            return
         loop = asyncio.get_running_loop()
 
         def progress(done: int, total: int | None) -> None:
@@ -355,8 +341,6 @@ class MeasureTool:
         self._show(0, None)
         try:
             await self._session.measure_clip(progress)
-        except (Mr360uwError, OSError) as error:
-            self._failed(error)
         except _StoppedError:
             pass  # as asked for
         finally:

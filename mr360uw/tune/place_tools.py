@@ -16,7 +16,7 @@ from mr360uw.composite.settings import POLAR, ObjectSettings
 from mr360uw.errors import ParameterError
 from mr360uw.tune import fields, placing
 from mr360uw.tune.click_tools import PATCH_TOOLS, FloorTool, LassoTool, LevelTool, PatchTool
-from mr360uw.tune.controls import Button, Choice, Text, alert, told
+from mr360uw.tune.controls import Button, Choice, Text, alert
 from mr360uw.tune.fields import in_words
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
@@ -42,7 +42,7 @@ _LEAST_STOPS, _MOST_STOPS = bounds_of(ObjectSettings.model_fields["exposure"])
 
 
 class PlaceTools:
-    """The placing tools of a tab. failed: tells an error. match_water: called with the point of open water clicked.
+    """The placing tools of a tab. match_water: called with the point of open water clicked.
 
     show_words: called with the present places and sizes of objects, by dotted key.
     """
@@ -51,11 +51,10 @@ class PlaceTools:
         self,
         session: Session,
         stage: ShownPicture,
-        failed: Callable[[Exception], None],
         match_water: Callable[[Point], None],
         show_words: Callable[[dict[str, Any]], None],
     ) -> None:
-        self._session, self._document, self._failed = session, session.document, failed
+        self._session, self._document = session, session.document
         self._viewer, self._match_water, self._show_words = stage.viewer, match_water, show_words
         self._tool, self._number = "", 0
         self._situation: Situation | None = None
@@ -74,10 +73,10 @@ class PlaceTools:
                 ]
         # Bars of single tools, shown while their tool is chosen
         with stage.tool_bars:
-            self._floor = FloorTool(session, failed, self._mark)
-            self._level = LevelTool(session, failed, self._mark)
+            self._floor = FloorTool(session, self._mark)
+            self._level = LevelTool(session, self._mark)
             self._patch = PatchTool(session)
-            self._lasso = LassoTool(session, failed, self._mark)
+            self._lasso = LassoTool(session, self._mark)
         # What happens in the picture
         self._viewer.on_pick(self._picked)
         self._viewer.on_stroke(self._lasso.add)
@@ -186,36 +185,31 @@ class PlaceTools:
     async def _picked(self, point: Point) -> None:
         if not self._tool:
             return
-        with told(self._failed):
-            # Answer tools that need no geometry at once
-            if self._tool == "water":
-                self._match_water(point)
-                return
-            if self._tool in PATCH_TOOLS:
-                self._patch.add(point, self._tool)
-                return
-            if self._tool == "lasso":
-                self._lasso.add([point])
-                return
-            # Ask for the frame's geometry, and place floor, sun or object by it
-            here = await self._ask()
-            if self._tool in ("floor", "level"):
-                (self._floor if self._tool == "floor" else self._level).add(here.camera, point)
-            elif self._tool == "sun":
-                azimuth, elevation = (_short(angle, 2) for angle in here.sun_angles_deg(point))
-                angles = {"light.sun_azimuth_deg": azimuth, "light.sun_elevation_deg": elevation}
-                self._document.apply("sun by click", {"light.sun": "given", **angles})
-            else:
-                self._check_number(here)
-                place = here.standing if self._tool == "stand" else here.swimming
-                self._put_object(self._number, "position_m", _vector(place(self._number, point)))
+        # Answer tools that need no geometry at once
+        if self._tool == "water":
+            self._match_water(point)
+            return
+        if self._tool in PATCH_TOOLS:
+            self._patch.add(point, self._tool)
+            return
+        if self._tool == "lasso":
+            self._lasso.add([point])
+            return
+        # Ask for the frame's geometry, and place floor, sun or object by it
+        here = await self._ask()
+        if self._tool in ("floor", "level"):
+            (self._floor if self._tool == "floor" else self._level).add(here.camera, point)
+        elif self._tool == "sun":
+            azimuth, elevation = (_short(angle, 2) for angle in here.sun_angles_deg(point))
+            angles = {"light.sun_azimuth_deg": azimuth, "light.sun_elevation_deg": elevation}
+            self._document.apply("sun by click", {"light.sun": "given", **angles})
+        else:
+            self._check_number(here)
+            place = here.standing if self._tool == "stand" else here.swimming
+            self._put_object(self._number, "position_m", _vector(place(self._number, point)))
 
     async def _dragged(self, drag: Drag) -> None:
         async with self._in_turn:  # the end of a short drag waits for what its start asks
-            await self._follow(drag)
-
-    async def _follow(self, drag: Drag) -> None:
-        with told(self._failed):
             if drag.phase == "start":
                 self._drag = None
                 kind, _, digits = drag.name.partition(".")
@@ -256,11 +250,10 @@ class PlaceTools:
 
     def _face_camera(self) -> None:
         assert self._situation is not None
-        with told(self._failed):
-            self._check_number(self._situation)
-            yaw = _short(self._situation.facing_yaw_deg(self._number), 2)
-            rest = self._situation.bodies[self._number].rotation_deg[1:]
-            self._put_object(self._number, "rotation_deg", [yaw, *rest])
+        self._check_number(self._situation)
+        yaw = _short(self._situation.facing_yaw_deg(self._number), 2)
+        rest = self._situation.bodies[self._number].rotation_deg[1:]
+        self._put_object(self._number, "rotation_deg", [yaw, *rest])
 
     def _check_number(self, here: Situation) -> None:
         if not here.bodies:
@@ -295,10 +288,10 @@ _COMPARISONS = {"": "compare with …", "plate": "compare with the plate"}
 
 
 class ShownPicture:
-    """The picture of a tab. failed: tells an error. tools, tool_bars: of the bars above it, to be filled."""
+    """The picture of a tab. tools, tool_bars: of the bars above it, to be filled."""
 
-    def __init__(self, session: Session, failed: Callable[[Exception], None]) -> None:
-        self._session, self._failed = session, failed
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self._shown_number = 0
         self._other: tuple[object, ...] = ()
         self._compared = ""
@@ -390,17 +383,12 @@ class ShownPicture:
         wanted = (session.document.scene.plate, session.index, session.width)
         if begins or wanted != self._other:
             self._other = wanted
-            background_tasks.create(self._show_plate(), name="plate")
+            background_tasks.create(self._show_plate(), name="plate", context=self.viewer)
 
     async def _show_plate(self) -> None:
         session = self._session
         scene, index, width = session.document.scene, session.index, session.width
-        try:
-            data: bytes = await asyncio.wrap_future(
-                session.pictures.ask(lambda renderer: renderer.plate(scene, index, width))
-            )
-        except Exception as error:  # noqa: BLE001 - told to the user
-            self._failed(error)
-            return
+        job = session.pictures.ask(lambda renderer: renderer.plate(scene, index, width))
+        data: bytes = await asyncio.wrap_future(job)
         if self._compared == "plate":
             self.viewer.show_other(f"/picture/{session.replaced('plate', data)}", "plate")

@@ -9,6 +9,7 @@ import hmac
 import html
 import ipaddress
 import itertools
+import logging
 import secrets
 import socket
 import sys
@@ -32,6 +33,7 @@ from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.render.backends import check_backend
 from mr360uw.scene.resolved import open_plate
+from mr360uw.tune.controls import TOLD
 from mr360uw.tune.document import Document
 from mr360uw.tune.page import build_page
 from mr360uw.tune.pictures import MadePicture, PageRenderer, Pictures
@@ -193,6 +195,10 @@ def _application(document: Document, clip: VideoReader, backend: str, ready: Cal
         if held[0].picture is None:
             ui.context.client.on_connect(held[0].show)  # only then: what draws takes a second to load
 
+    # Errors that a tab tells are no faults, of which the terminal has the details
+    logging.getLogger("nicegui").addFilter(
+        lambda record: not (record.exc_info and isinstance(record.exc_info[1], TOLD))
+    )
     ui.run_with(
         app, title=f"{document.path.name} - mr360uw", dark=None, language="en-US", tailwind=False,
         show_welcome_message=False, reconnect_timeout=10.0, binding_refresh_interval=None,
