@@ -67,11 +67,13 @@ def new(
                 f"--at - is no direction (got {at!r}) - write azimuth,elevation in degrees, as in 30,-25"
             ) from None
         direction = azimuth, elevation
-    wish = Wish(direction, "stands" if stand else "swims" if swim else None, size)
-    _, lines, commands = make_first_scene(
-        video, mesh, out, wish=wish, track=track, depth=depth, eye=eye, up=cast("Up", up),
-        underwater=water if water or air else None, overwrite=overwrite, outside_files=outside_files, backend=backend,
+    wish = Wish(
+        direction, "stands" if stand else "swims" if swim else None, size, cast("Up", up), eye,
+        water if water or air else None, track, depth,
     )  # fmt: skip
+    _, lines, commands = make_first_scene(
+        video, mesh, out, wish, overwrite=overwrite, outside_files=outside_files, backend=backend
+    )
     typer.echo("\n".join([*lines, *commands]))
 
 

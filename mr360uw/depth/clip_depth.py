@@ -73,7 +73,7 @@ class DepthReport:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Path:
+class ClipPath:
     """Poses of a clip's frames: position (n, 3), rotation (n, 3, 3), and the shot (n,) of each, -1 without a pose."""
 
     position: NDArray[np.float64]
@@ -145,8 +145,7 @@ def depth_of_clip(
     with open_video(video, eye=eye) as clip:
         if clip.is_still:
             raise ParameterError(f"{video} - is one picture (got no motion that shows distances) - give a clip")
-        tracks = _tracks(video, track, eye)
-        path = _poses(str(video), clip, [_motion(one) for one in tracks])
+        path = poses_of(video, clip, track, eye)
         width = map_width(width, clip, "1024, or 512 for a draft")
         inputs = _inputs(Path(video), path, width, eye)
         count = len(path.shot)
@@ -196,9 +195,15 @@ def _motion(track: CameraTrack | str | Path) -> Motion:
     return read_camera_track(track)
 
 
-def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
+def poses_of(
+    video: str | Path,
+    clip: VideoReader,
+    track: CameraTrack | str | Path | Sequence[CameraTrack | str | Path] | None,
+    eye: Literal["left", "right"] | None,
+) -> ClipPath:
     """Return the poses of all frames of a clip; raise `ParameterError` where no motion tells distances."""
     # Begin without poses: frames outside of all tracks have none
+    motions = [_motion(one) for one in _tracks(video, track, eye)]
     count = clip.frame_count or 1  # None of a still
     rate = float(clip.frame_rate)
     times = np.arange(count) / rate
@@ -220,25 +225,25 @@ def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
     # Say why no motion tells distances
     if not moves and not turns and np.all(shot < 0) and not any(len(m.time_s) > 1 for m in motions):
         raise ParameterError(
-            f"{where} - has no track of its frames (got {len(motions)} tracks that hold none) - run mr360uw track on it"
+            f"{video} - has no track of its frames (got {len(motions)} tracks that hold none) - run mr360uw track on it"
         )
     if not moves:
         how = "turns on the spot" if turns else "stands still"
         raise ParameterError(
-            f"{where} - its camera {how}, which shows no distances (got a path shorter than {100 * _LEAST_M:.0f} cm) - "
+            f"{video} - its camera {how}, which shows no distances (got a path shorter than {100 * _LEAST_M:.0f} cm) - "
             "give a clip of a camera that moves, or maps made by another program"
         )
-    return _Path(position, rotation, shot)
+    return ClipPath(position, rotation, shot)
 
 
-def _inputs(video: Path, path: _Path, width: int, eye: str | None) -> dict[str, Any]:
+def _inputs(video: Path, path: ClipPath, width: int, eye: str | None) -> dict[str, Any]:
     """Return what maps follow from."""
     poses = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in (path.position, path.rotation)))
     clip = content_of(files_named(video))
     return {"method": _METHOD, "clip": clip, "track": poses.hexdigest(), "width": width, "eye": eye}
 
 
-def _written(clip: VideoReader, path: _Path, run: MapRun, width: int) -> None:
+def _written(clip: VideoReader, path: ClipPath, run: MapRun, width: int) -> None:
     """Make the maps that are missing."""
     sweeps: dict[int, Future[Sweep]] = {}
     for job, reference, neighbours in _with_neighbours(clip, path, run.missing, width):
@@ -313,7 +318,7 @@ class _Job:
     keys: tuple[int, ...] = ()
 
 
-def _jobs(path: _Path, missing: list[int], rate: float) -> list[_Job]:
+def _jobs(path: ClipPath, missing: list[int], rate: float) -> list[_Job]:
     """Return what is to be done for the missing maps, in order: sweeps of key frames come before they are needed."""
     span, step = max(round(SPAN_S * rate), 2), max(round(_KEY_S * rate), 1)
     jobs: list[_Job] = []
@@ -332,7 +337,7 @@ def _jobs(path: _Path, missing: list[int], rate: float) -> list[_Job]:
     return jobs
 
 
-def _chosen(path: _Path, index: int, span: int) -> NDArray[np.int64]:
+def _chosen(path: ClipPath, index: int, span: int) -> NDArray[np.int64]:
     """Return the neighbours of a frame: frames of its shot, evenly over a span about it that lies within the shot."""
     shot = np.flatnonzero(path.shot == path.shot[index])
     first = int(np.clip(index - span // 2, shot[0], max(shot[-1] - span, shot[0])))
@@ -342,7 +347,7 @@ def _chosen(path: _Path, index: int, span: int) -> NDArray[np.int64]:
 
 
 def _with_neighbours(
-    clip: VideoReader, path: _Path, missing: list[int], width: int
+    clip: VideoReader, path: ClipPath, missing: list[int], width: int
 ) -> Iterator[tuple[_Job, Panorama | None, list[Panorama]]]:
     """Yield what is to be done in order, with the frame and its neighbours; pictures are held while they are needed."""
     import cv2
@@ -376,14 +381,3 @@ def _with_neighbours(
         for old in [one for one in held if one < oldest]:
             del held[old]
         yield job, panorama(job.index), [panorama(one) for one in job.near]
-
-
-def poses_of(
-    video: str | Path, clip: VideoReader, track: CameraTrack | str | Path, eye: Literal["left", "right"] | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return positions (n, 3), rotations (n, 3, 3) and shots (n,) of a clip's frames, -1 for those without a pose.
-
-    Raises `ParameterError` as `depth_of_clip` does.
-    """
-    path = _poses(str(video), clip, [_motion(one) for one in _tracks(video, track, eye)])
-    return path.position, path.rotation, path.shot

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from mr360uw.depth.warping import Map, resized, window_mean
 from mr360uw.errors import ParameterError
 from mr360uw.jit import fast
 from mr360uw.track.key_frames import luma_codes
-from mr360uw.video import VideoFrame, VideoReader, open_video
+from mr360uw.video import VideoFrame, open_video
 from mr360uw.video.layout import EYES_APART_M, Layout
 
 _METHOD = "distances of eyes 1"
@@ -103,16 +102,11 @@ def depth_of_eyes(
             own_maps(folder, inputs, count, overwrite=overwrite) as maps,
             MapRun(folder, maps, count, progress) as run,
         ):
-            for frame in _missing_frames(clip, run.missing):
-                run.add(_make, folder, maps, frame, width, eyes_apart_m)
+            missing = frozenset(run.missing)
+            for frame in clip.frames(min(missing), max(missing) + 1) if missing else ():
+                if frame.index in missing:
+                    run.add(_make, folder, maps, frame, width, eyes_apart_m)
             return run.report()
-
-
-def _missing_frames(clip: VideoReader, missing: list[int]) -> Iterator[VideoFrame]:
-    """Yield the frames whose maps are missing."""
-    if missing:
-        wanted = frozenset(missing)
-        yield from (frame for frame in clip.frames(missing[0], missing[-1] + 1) if frame.index in wanted)
 
 
 def _make(folder: Path, maps: WrittenFiles, frame: VideoFrame, width: int, apart_m: float) -> float:
@@ -207,11 +201,9 @@ def eye_distances(left: Map, right: Map, eyes_apart_m: float = EYES_APART_M) -> 
         raise ParameterError(
             f"left, right - must be twice as wide as high, and alike (got {left.shape}, {right.shape}) - resize them"
         )
+    left, right = (np.asarray(one, np.float32) for one in (left, right))
     half = 0.5 * eyes_apart_m
-    shifts = []
-    for own, other, sign in ((left, right, 1.0), (right, left, -1.0)):
-        shifts.append(_disparity(np.asarray(own, np.float32), np.asarray(other, np.float32), sign))
-    (a, alike_a), (b, alike_b) = shifts
+    (a, alike_a), (b, alike_b) = _disparity(left, right, 1.0), _disparity(right, left, -1.0)
     pixel = 2.0 * np.pi / left.shape[1]
     maps = []
     for own, other, alike, sign in ((a, b, alike_a, 1.0), (b, a, alike_b, -1.0)):
@@ -286,6 +278,8 @@ def _disparity(own: Map, other: Map, sign: float) -> tuple[Map, Map]:
 
     sign: 1 for the left eye, to which things are farther to the right.
     """
+    import cv2
+
     width = own.shape[1]
     size = min(width, _SWEPT)
     small, beside = resized(own, size), resized(other, size)
@@ -303,7 +297,8 @@ def _disparity(own: Map, other: Map, sign: float) -> tuple[Map, Map]:
         for k, offset in enumerate(offsets):
             cost[..., k] = 1.0 - _correlation(own, _shifted(other, found + np.float32(offset), sign), side)
         step, best = _lowest(smoothed(cost, _FINE_SMALL, _FINE_LARGE))
-        found = _middle(found + np.float32(pixels) * (step - _AROUND))
+        found = (found + np.float32(pixels) * (step - _AROUND)).astype(np.float32)
+        found = np.asarray(cv2.medianBlur(found, 3), np.float32)  # without single pixels that differ
     return found, np.asarray(1.0 - np.take_along_axis(cost, best[..., None], -1)[..., 0], np.float32)
 
 
@@ -336,10 +331,3 @@ def _lowest(cost: Map) -> tuple[Map, NDArray[np.int64]]:
     before, at, after = (np.take_along_axis(cost, (best + k)[..., None], -1)[..., 0] for k in (-1, 0, 1))
     bend = np.maximum(before - 2.0 * at + after, 1e-6)
     return (best + np.clip(0.5 * (before - after) / bend, -1.0, 1.0)).astype(np.float32), best
-
-
-def _middle(values: Map) -> Map:
-    """Return a map (h, w) without single pixels that differ."""
-    import cv2
-
-    return np.asarray(cv2.medianBlur(values.astype(np.float32), 3), np.float32)

@@ -92,9 +92,8 @@ def water_of_clip(
 
     with open_video(video, eye=eye) as clip:
         # Choose frames of the longest shot, spread over it
-        position, rotation, shot = poses_of(video, clip, track, eye)
-        longest = int(np.bincount(shot[shot >= 0]).argmax())
-        frames = np.flatnonzero(shot == longest)
+        path = poses_of(video, clip, track, eye)
+        frames = np.flatnonzero(path.shot == np.bincount(path.shot[path.shot >= 0]).argmax())
         chosen = np.unique(frames[np.round(np.linspace(0, len(frames) - 1, _FRAMES)).astype(int)]).tolist()
         if len(chosen) < _LEAST_FRAMES:
             raise ParameterError(
@@ -111,7 +110,7 @@ def water_of_clip(
             if image.shape[:2] != found.distance_m.shape:
                 size = found.distance_m.shape[::-1]
                 image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
-            lit.append(LitFrame(image, found, position[frame.index], rotation[frame.index]))
+            lit.append(LitFrame(image, found, path.position[frame.index], path.rotation[frame.index]))
             steps.done(1)
     return water_by_distance(seen_places(lit))
 

@@ -8,7 +8,6 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -126,14 +125,10 @@ class DepthClip:
         self._path, self._kind, self._scale = path, kind, scale_m
         self._kept = Cache()
         self._ours = path.is_dir() and _inputs_of(path) is not None
-        series = MapSeries() if self._ours else _map_series(path)
-        coloured: list[Path] = []
-        self._files, self._problems = series.files, list(series.problems)
-        if not self._ours:
-            problems, coloured = _header_problems(series.files, size)
-            self._problems += problems
-        self._coloured = coloured
-        self.notes = series.notes + self._other_notes()
+        self._files, notes, problems = ((), (), ()) if self._ours else _map_series(path)
+        misfits, self._coloured = _header_problems(self._files, size)
+        self._problems = [*problems, *misfits]
+        self.notes = notes + self._other_notes()
 
     def _other_notes(self) -> tuple[str, ...]:
         """Return lines on what of the settings or of the folder has no effect."""
@@ -260,24 +255,16 @@ _GREY = (0, 4)
 """Kinds of PNG without colours (PNG specification, table 11.1)."""
 
 
-@dataclass(frozen=True, slots=True)
-class MapSeries:
-    """Maps in the order of their numbers: the k-th is that of frame k.
-
-    notes: what else there is to know. problems: why they cannot be used, one line each.
-    """
-
-    files: tuple[Path, ...] = ()
-    notes: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
+_Series = tuple[tuple[Path, ...], tuple[str, ...], tuple[str, ...]]
+"""Maps in the order of their numbers, of which the k-th is that of frame k; notes; and why they cannot be used."""
 
 
-def _map_series(path: Path) -> MapSeries:
+def _map_series(path: Path) -> _Series:
     """Return the maps that a folder, a pattern of numbered files or a name stands for; hidden files are left out."""
     if is_pattern(path):
         return _in_order(path, matching_files(path), ())
     if not path.is_dir():
-        return MapSeries((path,))
+        return (path,), (), ()
     # Group numbered pictures by what their names have in common
     files = [one for one in sorted(path.iterdir()) if one.suffix.lower() in _SUFFIXES and one.name[0] != "."]
     series = defaultdict[str, list[tuple[int, Path]]](list)
@@ -289,7 +276,7 @@ def _map_series(path: Path) -> MapSeries:
     if len(series) == 1:
         return _in_order(path, next(iter(series.values())), others)
     if not series and len(others) == 1:
-        return MapSeries(tuple(others))
+        return tuple(others), (), ()
     if series:
         got = ", ".join(f"{len(of)} of {name}" for name, of in series.items())
         problem = f'several series of pictures (got {got:.300}) - name the maps: "{path.name}/{next(iter(series))}"'
@@ -297,10 +284,10 @@ def _map_series(path: Path) -> MapSeries:
         problem = f"maps whose names have no number (got {_some(others)}) - number them as the frames of the plate"
     else:
         problem = "no maps (got no .exr and no .png) - run mr360uw depth into it"
-    return MapSeries(problems=(f"{path} - holds {problem}",))
+    return (), (), (f"{path} - holds {problem}",)
 
 
-def _in_order(path: Path, numbered: list[tuple[int, Path]], others: Iterable[Path]) -> MapSeries:
+def _in_order(path: Path, numbered: list[tuple[int, Path]], others: Iterable[Path]) -> _Series:
     """Return numbered maps in their order, with a problem where a number is missing or there twice."""
     numbered = sorted(numbered)
     problems = [] if numbered else [f"{path} - holds no maps (got no file of that pattern) - check the pattern"]
@@ -312,24 +299,18 @@ def _in_order(path: Path, numbered: list[tuple[int, Path]], others: Iterable[Pat
     notes = [f"{one} - has no number, so that it is not read as a map" for one in others]
     if numbered and numbered[0][0] > 1:
         notes.append(f"{path} - {numbered[0][1].name} is taken as the map of the plate's frame 0, the next of frame 1")
-    return MapSeries(tuple(one for _, one in numbered), tuple(notes), tuple(problems))
+    return tuple(one for _, one in numbered), tuple(notes), tuple(problems)
 
 
-@dataclass(frozen=True, slots=True)
-class MapHeader:
-    """Header of a map's file. grey: whether it has one value for a pixel. whole: whether it holds all pixels."""
+def _map_header(path: Path) -> tuple[tuple[int, int], bool, bool]:
+    """Return the size in a map's file, whether it has one value for a pixel, and whether it holds all pixels.
 
-    size: tuple[int, int]
-    grey: bool
-    whole: bool = True
-
-
-def _map_header(path: Path) -> MapHeader:
-    """Return what a map's file says of it; raise `VideoError` where it is cut or of another kind, and `OSError`."""
+    Raises `VideoError` where it is cut or of another kind, and `OSError`.
+    """
     if path.suffix.lower() == ".exr":
         parts = check_exr(path)
         part = next((one for one in parts if "Z" in one.channels), parts[0])
-        return MapHeader((part.width, part.height), bool({"Z", "Y"} & set(part.channels)), part.whole)
+        return (part.width, part.height), bool({"Z", "Y"} & set(part.channels)), part.whole
     with path.open("rb") as file:
         head = file.read(_PNG_HEAD)
         file.seek(max(file.seek(0, 2) - _PNG_TAIL, 0))
@@ -337,35 +318,37 @@ def _map_header(path: Path) -> MapHeader:
     size = picture_size(head)
     if size is None or len(head) < _PNG_HEAD or b"IEND" not in tail:
         raise VideoError(f"{path} - is no PNG that can be read, or it is cut short - copy or write it again")
-    return MapHeader(size, head[25] in _GREY)
+    return size, head[25] in _GREY, True
 
 
 def _header_problems(files: Sequence[Path], plate: tuple[int, int]) -> tuple[list[str], list[Path]]:
     """Return why maps do not fit a plate of width x height, a line for each reason, and the maps that have colours."""
     # Read what each file says of itself
-    problems, headers = [], dict[Path, MapHeader]()
+    problems, sizes, cropped, coloured = [], dict[Path, tuple[int, int]](), [], []
     for path in files:
         try:
-            headers[path] = _map_header(path)
+            sizes[path], grey, whole = _map_header(path)
+            cropped += [] if whole else [path]
+            coloured += [] if grey else [path]
         except VideoError as error:
             problems.append(str(error))
         except OSError as error:
             problems.append(f"{path} - cannot be read (got {error.strerror}) - check its rights")
     # Name each kind of misfit once, by its first file
-    if cropped := [path for path, header in headers.items() if not header.whole]:
+    if cropped:
         problems.append(
             f"{_some(cropped)} - holds a part of the frame (its data window is not the display window) - write it whole"
         )
-    if other := [path for path, header in headers.items() if not _is_panorama(header.size, plate)]:
+    if other := [path for path, size in sizes.items() if not _is_panorama(size, plate)]:
         problems.append(
-            f"{_some(other)} - is no panorama of the plate's shape (got {_shape(headers[other[0]].size)} for a plate "
+            f"{_some(other)} - is no panorama of the plate's shape (got {_shape(sizes[other[0]])} for a plate "
             f"of {_shape(plate)}) - make it from the same frames, 2:1"
         )
-    sizes = {header.size: path for path, header in headers.items()}
-    if len(sizes) > 1:
-        got = ", ".join(f"{path.name} of {_shape(size)}" for size, path in sizes.items())
+    different = {size: path for path, size in sizes.items()}
+    if len(different) > 1:
+        got = ", ".join(f"{path.name} of {_shape(size)}" for size, path in different.items())
         problems.append(f"{files[0].parent} - holds maps of several sizes (got {got:.300}) - make all of one size")
-    return problems, [path for path, header in headers.items() if not header.grey]
+    return problems, coloured
 
 
 def _is_panorama(size: tuple[int, int], plate: tuple[int, int]) -> bool:

@@ -124,19 +124,8 @@ def distances(reference: Panorama, neighbours: Sequence[Panorama]) -> DepthMap:
     return refined(reference, neighbours, [sweep(reference, neighbours)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sweep:
-    """Inverse distances (h, w) [1/m] of a frame before they are refined, and where it was taken."""
-
-    inverse: Map
-    place: Panorama
-
-    def seen_from(self, reference: Panorama, width: int) -> Map:
-        """Return inverse distances (h, w) [1/m] of another frame, of a width."""
-        same = np.array_equal(self.place.position, reference.position)
-        if same and np.array_equal(self.place.rotation, reference.rotation):
-            return enlarged_map(self.inverse, width)
-        return carried(self.inverse, self.place, reference, width)
+Sweep = tuple[Map, Panorama]
+"""Inverse distances (h, w) [1/m] of a frame before they are refined, and where it was taken."""
 
 
 def sweep(reference: Panorama, neighbours: Sequence[Panorama]) -> Sweep:
@@ -146,7 +135,15 @@ def sweep(reference: Panorama, neighbours: Sequence[Panorama]) -> Sweep:
     width = reference.grey.shape[1]
     warped = Warped(reference, neighbours, min(max(width // 2, least), most, width))
     small = resized(reference.grey, warped.width)
-    return Sweep(_swept(warped, baseline), Panorama(small, reference.position, reference.rotation))
+    return _swept(warped, baseline), Panorama(small, reference.position, reference.rotation)
+
+
+def _seen_from(reference: Panorama, swept: Sweep, width: int) -> Map:
+    """Return the inverse distances (h, w) [1/m] of a sweep as seen from a frame, of a width."""
+    inverse, place = swept
+    if np.array_equal(place.position, reference.position) and np.array_equal(place.rotation, reference.rotation):
+        return enlarged_map(inverse, width)
+    return carried(inverse, place, reference, width)
 
 
 def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequence[Sweep]) -> DepthMap:
@@ -156,8 +153,8 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     half = max(width // 2, min(width, _SWEEP_WIDTHS[0]))
     every = max(half // _ALL_WIDTH, 1)
     warped = Warped(reference, neighbours[::every], half)
-    inverse = _best(warped, [one.seen_from(reference, half) for one in sweeps])
-    if half > sweeps[0].inverse.shape[1]:
+    inverse = _best(warped, [_seen_from(reference, one, half) for one in sweeps])
+    if half > sweeps[0][0].shape[1]:
         inverse = _at_edges(warped, inverse)
     inverse = _around(warped, inverse, baseline, _STEPS_PX[0])
     fine = Warped(reference, neighbours[:: _EVERY * every], width)

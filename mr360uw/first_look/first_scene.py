@@ -6,7 +6,6 @@ The preview also compares a grey card at the object's place with what is around 
 from __future__ import annotations
 
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,10 +15,9 @@ from numpy.typing import NDArray
 from mr360uw.base.color import luminance
 from mr360uw.base.files import check_outputs, whole_file
 from mr360uw.base.input_files import read_json
-from mr360uw.composite.mesh.up_axis import Up
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
-from mr360uw.first_look.observations import Eye, PlateLook, look_at_mesh, look_at_plate
+from mr360uw.first_look.observations import PlateLook, look_at_mesh, look_at_plate
 from mr360uw.first_look.place_in_plate import ShownDistance, Wish
 from mr360uw.first_look.proposal import brightness_lines, found_lines, propose, scene_lines
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse, screen_picture
@@ -88,13 +86,8 @@ def make_first_scene(
     video: Path,
     mesh: Path,
     out: Path | None = None,
-    *,
     wish: Wish | None = None,
-    track: Path | None = None,
-    depth: Path | None = None,
-    eye: Eye | None = None,
-    underwater: bool | None = None,
-    up: Up = "auto",
+    *,
     overwrite: bool = False,
     outside_files: bool = False,
     backend: str = "auto",
@@ -103,21 +96,19 @@ def make_first_scene(
 
     Returns the scene, lines on what was found and guessed, and commands that go on from there.
 
-    wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. depth: folder
-    of the plate's distances, which tell the floor and what things stand on. eye: of a stereo plate, by default the left
-    one. underwater: whether the plate is, None to tell it by the picture. up: the mesh's axis that is up, where that is
-    known. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError`,
-    `ParameterError` or `SceneError`; nothing is written then.
+    wish: for its place and size, with what is known of the files. outside_files: the mesh may name files outside of its
+    folder. Raises the files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; nothing is written then.
     """
-    path, preview = _targets(video, mesh, track, out, overwrite=overwrite)
-    plate = look_at_plate(video, eye, underwater=underwater)
-    seen = look_at_mesh(mesh, up=up, outside_files=outside_files)
-    floor = None if track is None else _floor_of(track)
+    wish = wish or Wish()
+    path, preview = _targets(video, mesh, wish.track, out, overwrite=overwrite)
+    plate = look_at_plate(video, wish.eye, underwater=wish.underwater)
+    seen = look_at_mesh(mesh, up=wish.up, outside_files=outside_files)
+    floor = None if wish.track is None else _floor_of(wish.track)
     shown_m = None
-    if depth is not None:
-        below_m, shown_m = _shown_by(depth, plate, track)
+    if wish.depth is not None:
+        below_m, shown_m = _shown_by(wish.depth, plate, wish.track)
         floor = floor if below_m is None else (below_m, "by the distances of the plate")
-    chosen = replace(propose(plate, seen, wish or Wish(), floor, shown_m), track=track, depth=depth)
+    chosen = propose(plate, seen, wish, floor, shown_m)
     text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
     scene = scene_from_dict(tomllib.loads(text), path.parent)
     with LivePreview(backend) as live:

@@ -10,15 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.color import luminance
 from mr360uw.base.sphere import direction_from_angles, frame_from_direction
-from mr360uw.composite.mesh.up_axis import Habit
+from mr360uw.composite.mesh.up_axis import Habit, Up
 from mr360uw.errors import ParameterError
-from mr360uw.first_look.observations import MeshLook, PlateLook, red_ratio
+from mr360uw.first_look.observations import Eye, MeshLook, PlateLook, red_ratio
 from mr360uw.types import Array, Floats
 
 _GUESSED_M: dict[bool, float] = {True: 1.3, False: 1.6}
@@ -48,12 +49,20 @@ _LOWEST_DEG = 2.0
 class Wish:
     """Wishes for a thing's place. at_deg: azimuth and elevation, of its foot if it stands, else of its middle.
 
-    habit: whether it stands or swims, whatever its name says. size_m: its longest side.
+    habit: whether it stands or swims, whatever its name says. size_m: its longest side. Besides, what is known of the
+    files: up, the mesh's axis that is up; eye, of a stereo plate, by default the left one; underwater, whether the
+    plate is, None to tell it by the picture; track, the camera's path, whose floor is taken from the .json beside it;
+    depth, folder of the plate's distances, which tell the floor and what things stand on.
     """
 
     at_deg: tuple[float, float] | None = None
     habit: Habit | None = None
     size_m: float | None = None
+    up: Up = "auto"
+    eye: Eye | None = None
+    underwater: bool | None = None
+    track: Path | None = None
+    depth: Path | None = None
 
     def __post_init__(self) -> None:
         if self.at_deg is not None and not (abs(self.at_deg[0]) <= 360.0 and abs(self.at_deg[1]) <= 90.0):

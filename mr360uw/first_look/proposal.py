@@ -75,8 +75,8 @@ class Proposal:
     depth_m: float
     floor_by: str
     lamp: bool
-    track: Path | None = None
-    depth: Path | None = None
+    track: Path | None
+    depth: Path | None
 
 
 def propose(
@@ -103,7 +103,7 @@ def propose(
     place = place_of(plate, mesh, wish, sight, drop, shown_m)
     least = _CLEAR_M if plate.medium.half else _DEPTH_M
     depth = max(least, math.ceil(10.0 * (place.top_m + _CLEAR_M)) / 10.0) if wet else CameraSettings().depth_m
-    return Proposal(place, water, float(depth), floor_by, plate.dark)
+    return Proposal(place, water, float(depth), floor_by, plate.dark, wish.track, wish.depth)
 
 
 def _ground_below(plate: PlateLook, wish: Wish) -> tuple[float | None, str]:

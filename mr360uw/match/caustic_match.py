@@ -152,9 +152,7 @@ def match_caustics(
     names = {key.removeprefix("sea."): value for key, value in changes.items()}
     # Measure the patterns of the sea before and after in the same way
     seas = (scene.sea, scene.sea.model_copy(update=names))
-    before, after = (
-        pattern_measures(relative_light(floor.light(sea)), series.grid.pixel_m, series.step_s, edges) for sea in seas
-    )
+    before, after = (measure(floor.light(sea))[0] for sea in seas)
     confidence = _confidence(fit, uncertainty)
     match = CausticMatch("", changes, confidence, uncertainty, plate, before, after, series.grid.pixel_m)
     return replace(match, sentence=_sentence(match, fit, scene.sea))
@@ -491,15 +489,12 @@ class ModelledFloor:
 
     def light(self, sea: Sea) -> NDArray[np.float32]:
         """Return the light (T, n, n) of the floor under a sea, relative to that under a flat one."""
-        settings = self._settings(sea)
-        times = zip(self.views, self.time_s, strict=True)
-        return np.array([self._at(sea, float(time_s), view, settings) for view, time_s in times])
-
-    def _settings(self, sea: Sea) -> CausticSettings:
         size = 2.0 ** np.ceil(np.log2(sea.tile_m / self.pixel_m))
         shortest = getattr(sea, "shortest_wavelength_m", None) or sea.tile_m / 40.0
         grid = _GRID_PER_WAVE * sea.tile_m / shortest
-        return CausticSettings(size=int(np.clip(size, *_SIZES)), grid=int(np.clip(grid, *_GRIDS)))
+        settings = CausticSettings(size=int(np.clip(size, *_SIZES)), grid=int(np.clip(grid, *_GRIDS)))
+        times = zip(self.views, self.time_s, strict=True)
+        return np.array([self._at(sea, float(time_s), view, settings) for view, time_s in times])
 
     def _at(self, sea: Sea, time_s: float, view: FloorView, settings: CausticSettings) -> NDArray[np.float32]:
         at = np.array([self.depth_m])

@@ -341,34 +341,20 @@ class _Sheets:
 def _solved(matrix: Any, right: Floats) -> Floats:
     """Return the solution of a banded symmetric positive definite system."""
     from scipy.linalg import solveh_banded
+    from scipy.sparse import triu
 
-    entries = matrix.tocoo()
-    upper = entries.col >= entries.row
-    row, column = entries.row[upper], entries.col[upper]
-    width = int(np.max(column - row))
-    bands = np.zeros((width + 1, len(right)))
-    bands[width + row - column, column] = entries.data[upper]
+    upper = triu(matrix).todia()
+    bands = np.zeros((int(upper.offsets.max()) + 1, len(right)))
+    bands[-1 - upper.offsets] = upper.data
     return np.asarray(solveh_banded(bands, right, overwrite_ab=True, check_finite=False))
 
 
 def _bilinear(x_m: Floats, z_m: Floats, x: Floats, z: Floats) -> Any:
     """Return the sparse matrix (n, r c) of bilinear interpolation at points inside of the grid."""
-    from scipy.sparse import csr_matrix
+    from scipy.interpolate import NdBSpline
 
-    column, u = _cell(x_m, x)
-    row, v = _cell(z_m, z)
-    count = len(x_m)
-    nodes = np.stack([row * count + column, row * count + column + 1, (row + 1) * count + column,
-                      (row + 1) * count + column + 1], axis=1)  # fmt: skip
-    share = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
-    number = np.repeat(np.arange(len(x)), 4)
-    return csr_matrix((share.ravel(), (number, nodes.ravel())), shape=(len(x), len(x_m) * len(z_m)))
-
-
-def _cell(nodes: Floats, at: Floats) -> tuple[NDArray[np.int64], Floats]:
-    place = (at - nodes[0]) / (nodes[1] - nodes[0])
-    cell = np.clip(np.floor(place).astype(np.int64), 0, len(nodes) - 2)
-    return cell, place - cell
+    knots = tuple(np.pad(nodes, 1, mode="edge") for nodes in (z_m, x_m))
+    return NdBSpline.design_matrix(np.stack([z, x], axis=1), knots, 1)
 
 
 def _bending(rows: int, columns: int) -> Any:
