@@ -246,21 +246,19 @@ def _matched(
 def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses:
     """Return the key frames of a camera that moves, by structure from motion."""
     scene = _solve_structure(keys.paths, folder, steps)
-    if scene is None or np.mean(scene.solved) < _LEAST_SOLVED:
-        count = 0 if scene is None else int(np.count_nonzero(scene.solved))
+    count = 0 if scene is None else len(scene.kept)
+    if scene is None or count < _LEAST_SOLVED * len(keys.index):
         raise ParameterError(
             f"{where} - no path explains its pictures (got {count} of {len(keys.index)} key frames) - cut it where the "
             "scene changes, mask what moves with the camera, or give a clip with more texture"
         )
-    kept = np.flatnonzero(scene.solved)
     landmarks = []
-    for k in kept:
-        order = np.argsort(scene.error_px[scene.point[k]], kind="stable")[:_LANDMARKS]
-        landmarks.append(Landmarks(scene.pixel[k][order], scene.points[scene.point[k][order]], far=False))
+    for pixel, point in zip(scene.pixel, scene.point, strict=True):
+        order = np.argsort(scene.error_px[point], kind="stable")[:_LANDMARKS]
+        landmarks.append(Landmarks(pixel[order], scene.points[point[order]], far=False))
     return KeyPoses(
-        "moving", keys.index[kept], tuple(keys.paths[k] for k in kept), scene.position[kept], scene.rotation[kept],
-        scene.residual_px[kept], tuple(landmarks), scene.points, scene.error_px,
-        held_out_errors(scene),
+        "moving", keys.index[scene.kept], tuple(keys.paths[k] for k in scene.kept), scene.position, scene.rotation,
+        scene.residual_px, tuple(landmarks), scene.points, scene.error_px, held_out_errors(scene),
     )  # fmt: skip
 
 
@@ -305,9 +303,9 @@ _LEAST_OBSERVED = 20
 
 
 def held_out_errors(scene: Solution) -> tuple[Floats, Floats]:
-    """Return the errors of points from half of the key frames in the other half, for each key frame: slip and feature.
+    """Return the errors of points from half of the key frames in the other half, for each solved one: slip and feature.
 
-    Both (k,) are in pixels of a panorama 2048 wide, NaN where too few points are seen. Slip: length of the median
+    Both (s,) are in pixels of a panorama 2048 wide, NaN where too few points are seen. Slip: length of the median
     error, as a vector, of the features below the horizon: how far the ground as a whole, and a body on it, is off.
     Feature: median length of the errors of single features, which contains their noise.
 
@@ -315,23 +313,21 @@ def held_out_errors(scene: Solution) -> tuple[Floats, Floats]:
     see them; then the other way round. Errors are in the tangent plane: along the parallel and along the meridian.
     """
     # List all observations by key frame, every other key frame held out
-    kept = np.flatnonzero(scene.solved)
-    frame = np.concatenate([np.full(len(scene.point[k]), k) for k in kept])
-    order = np.searchsorted(kept, frame)
-    point = np.concatenate([scene.point[k] for k in kept])
-    own = np.concatenate([scene.direction[k] for k in kept])
-    look = np.concatenate([scene.direction[k] @ scene.rotation[k].T for k in kept])
+    count = len(scene.position)
+    frame = np.repeat(np.arange(count), [len(point) for point in scene.point])
+    point, own = np.concatenate(scene.point), np.concatenate(scene.direction)
+    look = np.concatenate([seen @ turn.T for seen, turn in zip(scene.direction, scene.rotation, strict=True)])
     eye = scene.position[frame]
     error = np.full((len(frame), 2), np.nan)
     # Triangulate from one half, measure in the other
     for parity in (0, 1):
-        using = order % 2 == parity
+        using = frame % 2 == parity
         place = triangulate(point[using], eye[using], look[using], len(scene.points))
         towards = np.einsum("nji,nj->ni", scene.rotation[frame[~using]], place[point[~using]] - eye[~using])
         error[~using] = _tangent(own[~using], towards) * WIDTH / (2.0 * np.pi)
     # Take medians for each key frame: of single features, and of the ground as a whole
-    slip, feature = np.full(len(scene.solved), np.nan), np.full(len(scene.solved), np.nan)
-    for k in kept:
+    slip, feature = np.full(count, np.nan), np.full(count, np.nan)
+    for k in range(count):
         known = (frame == k) & np.isfinite(error[:, 0])
         ground = known & (own[:, 1] < 0.0)
         if np.count_nonzero(known) >= _LEAST_OBSERVED:
@@ -388,15 +384,15 @@ _LEAST_SEEN, _LEAST_SHARE = 15, 0.15
 class Solution:
     """A solved scene in arbitrary axes and scale.
 
-    position (k, 3) and rotation (k, 3, 3) of key frames, camera axes to world; `solved` (k,): which were found.
-    residual_px (k,): median reprojection errors. pixel, direction, point: observed pixels (n, 2), their directions
+    position (s, 3) and rotation (s, 3, 3) of solved key frames, camera axes to world; kept (s,): which of all these
+    are. residual_px (s,): median reprojection errors. pixel, direction, point: observed pixels (n, 2), their directions
     (n, 3) in camera axes and numbers of their points (n,), for each frame. points (m, 3), error_px (m,): mean
     reprojection error of each.
     """
 
     position: Floats
     rotation: Floats
-    solved: NDArray[np.bool_]
+    kept: NDArray[np.int64]
     residual_px: Floats
     pixel: tuple[Floats, ...]
     direction: tuple[Floats, ...]
@@ -452,29 +448,22 @@ def _solution(scene: Any, names: list[str]) -> Solution:
     row = {point: index for index, point in enumerate(ids)}
     points = np.array([scene.points3D[i].xyz for i in ids]).reshape(-1, 3)
     error = np.array([scene.points3D[i].error for i in ids])
-    # Begin with images that were not solved
-    count = len(names)
-    position, rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)
-    solved, residual = np.zeros(count, bool), np.full(count, np.nan)
-    pixels: list[Floats] = [np.zeros((0, 2))] * count
-    directions: list[Floats] = [np.zeros((0, 3))] * count
-    numbers: list[NDArray[np.int64]] = [np.zeros(0, np.int64)] * count
-    # Fill in the pose, observations and residual of each image that was
-    for image in scene.images.values():
-        if not image.has_pose:
-            continue
-        k = names.index(image.name)
-        observed = image.get_observation_points2D()
-        position[k] = image.projection_center()
-        rotation[k] = image.cam_from_world().rotation.matrix().T @ _AXES
-        pixels[k] = np.array([p.xy for p in observed]).reshape(-1, 2)
-        numbers[k] = np.array([row[p.point3D_id] for p in observed], np.int64)
-        solved[k] = True
-        camera = scene.cameras[image.camera_id]
-        seen = directions[k] = direction_from_frame(pixels[k][:, 0], pixels[k][:, 1], camera.width, camera.height)
-        to_point = (points[numbers[k]] - position[k]) @ rotation[k]
+    # Take the pose, observations and residual of each image that was solved, in the order of the clip
+    images = sorted((image for image in scene.images.values() if image.has_pose), key=lambda image: image.name)
+    position = np.array([image.projection_center() for image in images]).reshape(-1, 3)
+    rotation = np.array([image.cam_from_world().rotation.matrix().T @ _AXES for image in images]).reshape(-1, 3, 3)
+    pixels, directions, numbers, residual = [], [], [], []
+    for image, eye, turn in zip(images, position, rotation, strict=True):
+        observed, camera = image.get_observation_points2D(), scene.cameras[image.camera_id]
+        pixel = np.array([p.xy for p in observed]).reshape(-1, 2)
+        number = np.array([row[p.point3D_id] for p in observed], np.int64)
+        seen = direction_from_frame(pixel[:, 0], pixel[:, 1], camera.width, camera.height)
+        to_point = (points[number] - eye) @ turn
         chord = np.linalg.norm(seen - to_point / np.linalg.norm(to_point, axis=1, keepdims=True), axis=1)
-        residual[k] = float(np.median(chord)) * camera.width / (2.0 * np.pi) if len(chord) else np.nan
+        residual.append(float(np.median(chord)) * camera.width / (2.0 * np.pi) if len(chord) else np.nan)
+        for found, one in zip((pixels, directions, numbers), (pixel, seen, number), strict=True):
+            found.append(one)
+    kept = np.array([names.index(image.name) for image in images], np.int64)
     return Solution(
-        position, rotation, solved, residual, tuple(pixels), tuple(directions), tuple(numbers), points, error
+        position, rotation, kept, np.array(residual), tuple(pixels), tuple(directions), tuple(numbers), points, error
     )

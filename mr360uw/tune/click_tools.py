@@ -40,6 +40,7 @@ from mr360uw.tune.lasso import (
     outlines_of_matte,
     pictures_at_stake,
     png,
+    read_matte,
     write_frames,
 )
 from mr360uw.tune.placing import Point, ray
@@ -523,7 +524,6 @@ class LassoTool:
 def _outlines_in(file: Path) -> list[list[Point]]:
     """Return the outlines of a matte's file; none where it is gone."""
     try:
-        found = cv2.imdecode(np.frombuffer(file.read_bytes(), np.uint8), cv2.IMREAD_GRAYSCALE)
-    except (OSError, cv2.error):
+        return outlines_of_matte(read_matte(file))
+    except (OSError, ParameterError, cv2.error):
         return []
-    return [] if found is None else outlines_of_matte(cast("NDArray[np.uint8]", found))

@@ -214,12 +214,15 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
 
 def _control_spec(tables: tuple[Group, ...]) -> list[dict[str, Any]]:
     """Return tables and their fields as values of JSON, for controls.js."""
-    return [
+    spec = [
         {"key": group.key, "title": group.title, "help": group.help, "repeated": group.repeated,
-         "optional": group.optional, "tag": group.tag,
-         "kinds": {tag: [_plain(field) for field in group.fields(tag)] for tag in group.tags}}
+         "optional": group.optional, "tag": group.tag, "kinds": {tag: [
+             {**asdict(field), "step": field.step, "default_text": field.default_text} for field in group.fields(tag)
+         ] for tag in group.tags}}
         for group in tables
     ]  # fmt: skip
+    plain: list[dict[str, Any]] = to_jsonable_python(spec, fallback=str)
+    return plain
 
 
 def typed(field: Field, value: Any) -> Any:
@@ -286,11 +289,10 @@ class ControlPanel(Element, component="controls.js"):
             field = self._field(key)
             if field is not None and field.kind == "toml":
                 texts[key] = toml_value(value)
-        errors = {key: self._document.problem_of(key) for key in self._document.problem_keys()}
         objects = tree.get("object", [])
         hidden = [f"object.{k}.{word}" for k, table in enumerate(objects) for word in unsaid(table)]
         plain, keyed = to_jsonable_python(tree, fallback=str), values_at(self._document, self._session.time_s)
-        return {"tree": plain, "texts": texts, "errors": errors, "keyed": keyed,
+        return {"tree": plain, "texts": texts, "errors": self._document.problems_by_key, "keyed": keyed,
                 "words": self._words, "hidden": hidden, "idle": self._idle(len(objects))}  # fmt: skip
 
     def _idle(self, objects: int) -> dict[str, str]:
@@ -326,13 +328,12 @@ class ControlPanel(Element, component="controls.js"):
         if field is not None:
             value = typed(field, value)
         drag = None if group is None else f"{self.client.id} {key} {group}"
-        keyed = key in keyed_parameters(self._document)
-        self._try(lambda: (self._set_key if keyed else self._set)(key, value, drag))
-
-    def _set_key(self, key: str, value: Any, group: str | None) -> None:
-        set_key(self._document, key, self._session.time_s, value, group=group)
+        self._try(lambda: self._set(key, value, drag))
 
     def _set(self, key: str, value: Any, group: str | None) -> None:
+        if key in keyed_parameters(self._document):
+            set_key(self._document, key, self._session.time_s, value, group=group)
+            return
         table, _, rest = key.partition(".")
         number, _, name = rest.partition(".")
         if table == "object" and number.isdecimal() and self._in_words(int(number), name, value, group):
@@ -359,12 +360,6 @@ def _word(value: Any) -> str:
     if isinstance(value, bool) or value is None:
         return {None: "not set", True: "on", False: "off"}[value]
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _plain(field: Field) -> dict[str, Any]:
-    described = {**asdict(field), "step": field.step, "default_text": field.default_text}
-    plain: dict[str, Any] = to_jsonable_python(described, fallback=str)
-    return plain
 
 
 def _leaves(tree: Any, prefix: str = "", depth: int = 0) -> list[tuple[str, Any]]:

@@ -196,21 +196,15 @@ class MatchDialog:
         if found is None:
             return
         self._changes = {key: _plain(value) for key, value in found.changes.items()}
-        self._text.text = "\n".join([found.sentence, *self._lines()])
+        values = ((key, self._session.document.get(key), value) for key, value in self._changes.items())
+        lines = (f"{key}: {'the default' if old is None else old} → {new}" for key, old, new in values)
+        self._text.text = "\n".join([found.sentence, *lines])
         self._apply.enable(bool(self._changes))
         with self._shown:
             if hasattr(found, "plate_code"):
                 _show_colours(found)
             else:
                 self._show_floors(found)
-
-    def _lines(self) -> list[str]:
-        """Return a line for each parameter that would change: its value before and after."""
-        document, lines = self._session.document, []
-        for key, value in self._changes.items():
-            before = document.get(key)
-            lines.append(f"{key}: {'the default' if before is None else before} → {value}")
-        return lines
 
     def _take(self) -> None:
         self._session.document.apply(self._name, self._changes)

@@ -63,20 +63,14 @@ class Document:
         """Why the text, or that of the file since it was changed by another program, gives no scene; a line each."""
         return self._wrong + self._file_wrong
 
-    def problem_of(self, key: str) -> str:
-        """Return what is wrong with the value of a dotted key, "" if nothing is."""
-        found = [what for at, what in self._placed_problems() if at == key or at.startswith(f"{key}.")]
-        return found[0] if found else ""
-
-    def problem_keys(self) -> tuple[str, ...]:
-        """Return the dotted keys of parameters that have a problem; of lists and vectors, not of their elements."""
-        places = [at.split(".") for at, _ in self._placed_problems()]
-        return tuple(".".join(parts[: 3 if len(parts) > 1 and parts[1].isdecimal() else 2]) for parts in places)
-
-    def _placed_problems(self) -> list[tuple[str, str]]:
-        """Return (dotted key, what is wrong) of the problems, whose lines start with 'file:line key[0].key - '."""
-        lines = [line.partition(" - ") for line in self._wrong]
-        return [(re.sub(r"\[(\d+)\]", r".\1", where.rpartition(" ")[2]), what) for where, _, what in lines]
+    @property
+    def problems_by_key(self) -> dict[str, str]:
+        """First problem of each parameter, by its dotted key; of lists and vectors, not of their elements."""
+        found: dict[str, str] = {}
+        for where, _, what in (line.partition(" - ") for line in self._wrong):  # where: 'file:line key[0].key'
+            parts = re.sub(r"\[(\d+)\]", r".\1", where.rpartition(" ")[2]).split(".")
+            found.setdefault(".".join(parts[: 3 if len(parts) > 1 and parts[1].isdecimal() else 2]), what)
+        return found
 
     @property
     def dirty(self) -> bool:

@@ -281,7 +281,7 @@ def write_frames(folder: Path, count: int, around: int, progress: Callable[[int,
     before = max((k for k in keys if k < around), default=-1)
     after = min((k for k in keys if k > around), default=count)
     todo = [k for k in range(count) if len(keys) == 2 or before < k < after or k not in there]
-    matte = CarriedMatte({index: _read(file) for index, file in keys.items()})
+    matte = CarriedMatte({index: read_matte(file) for index, file in keys.items()})
     last, data = None, b""
     for done, index in enumerate(todo):
         progress(done, len(todo))
@@ -291,7 +291,7 @@ def write_frames(folder: Path, count: int, around: int, progress: Callable[[int,
     progress(len(todo), len(todo))
 
 
-def _read(file: Path) -> Matte:
+def read_matte(file: Path) -> Matte:
     """Return the matte of a file; raise `ParameterError` where it is none."""
     found = cv2.imdecode(np.frombuffer(file.read_bytes(), np.uint8), cv2.IMREAD_GRAYSCALE)
     if found is None:

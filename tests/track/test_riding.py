@@ -50,7 +50,7 @@ def solution(rng: np.random.Generator, slip_px: float, noise_px: float = 0.0) ->
     slip = Rotation.from_rotvec([0.0, slip_px * 2.0 * np.pi / WIDTH, 0.0]).as_matrix()
     rotation = np.stack([slip if k % 2 else np.eye(3) for k in range(8)])
     return Solution(
-        position, rotation, np.ones(8, bool), np.zeros(8), tuple(np.zeros((200, 2)) for _ in range(8)), directions,
+        position, rotation, np.arange(8), np.zeros(8), tuple(np.zeros((200, 2)) for _ in range(8)), directions,
         tuple(np.arange(200) for _ in range(8)), points, np.zeros(200),
     )  # fmt: skip
 

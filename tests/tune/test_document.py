@@ -173,11 +173,11 @@ def test_a_value_that_is_set_again_is_no_step(document: Document) -> None:
 def test_an_invalid_value_keeps_the_last_scene_and_names_its_key(document: Document) -> None:
     document.set("camera.depth_m", -1.0)
     assert document.scene.camera.depth_m == 6.0
-    assert document.problem_of("camera.depth_m").startswith("must be > 0")
-    assert not document.problem_of("camera.roll_deg")
+    assert document.problems_by_key["camera.depth_m"].startswith("must be > 0")
+    assert "camera.roll_deg" not in document.problems_by_key
     document.set("object.1.scale", "large")
-    assert document.problem_of("object.1.scale")
-    assert not document.problem_of("object.0.scale")
+    assert document.problems_by_key["object.1.scale"]
+    assert "object.0.scale" not in document.problems_by_key
     with pytest.raises(SceneError, match=r"depth_m"):
         document.save()
     document.undo()
@@ -322,7 +322,7 @@ def test_a_file_broken_outside_keeps_the_scene_and_can_be_written_again(document
     assert document.problems
     touched(document.path, TEXT.replace("6.0", "-6.0"))
     document.poll()
-    assert document.problem_of("camera.depth_m")
+    assert document.problems_by_key["camera.depth_m"]
     assert document.scene.camera.depth_m == 6.0
 
 
