@@ -246,14 +246,14 @@ def _inputs(video: Path, path: ClipPath, width: int, eye: str | None) -> dict[st
 def _written(clip: VideoReader, path: ClipPath, run: MapRun, width: int) -> None:
     """Make the maps that are missing."""
     sweeps: dict[int, Future[Sweep]] = {}
-    for job, reference, neighbours in _with_neighbours(clip, path, run.missing, width):
-        if job.sweeps and reference is not None:
-            sweeps[job.index] = run.pool.submit(sweep, reference, neighbours)
+    for index, keys, reference, neighbours in _with_neighbours(clip, path, run.missing, width):
+        if keys is None and reference is not None:
+            sweeps[index] = run.pool.submit(sweep, reference, neighbours)
             continue
-        near = [sweeps[key] for key in job.keys]
-        run.add(_make, run.folder, run.maps, job.index, reference, neighbours, near, width)
+        near = [sweeps[key] for key in keys or ()]
+        run.add(_make, run.folder, run.maps, index, reference, neighbours, near, width)
         # Forget sweeps that no later frame needs
-        for old in [key for key in sweeps if key < min(job.keys, default=0)]:
+        for old in [key for key in sweeps if key < min(keys or (), default=0)]:
             del sweeps[old]
 
 
@@ -308,32 +308,29 @@ def _make(
     return float(np.mean(found.confidence >= SURE))
 
 
-@dataclass(frozen=True, slots=True)
-class _Job:
-    """A frame to work on. near: its neighbours. sweeps: whether it is swept; else refined, from the sweeps of keys."""
-
-    index: int
-    near: list[int]
-    sweeps: bool = False
-    keys: tuple[int, ...] = ()
+_Keys = tuple[int, ...] | None
+"""Key frames from whose sweeps a frame is refined; None where it is a key frame to be swept."""
 
 
-def _jobs(path: ClipPath, missing: list[int], rate: float) -> list[_Job]:
-    """Return what is to be done for the missing maps, in order: sweeps of key frames come before they are needed."""
+def _jobs(path: ClipPath, missing: list[int], rate: float) -> list[tuple[int, list[int], _Keys]]:
+    """Return (frame, its neighbours, its key frames) for the missing maps, in the order in which they are made.
+
+    Sweeps of key frames come before they are needed.
+    """
     span, step = max(round(SPAN_S * rate), 2), max(round(_KEY_S * rate), 1)
-    jobs: list[_Job] = []
+    jobs: list[tuple[int, list[int], _Keys]] = []
     swept: set[int] = set()
     for index in missing:
         near = _chosen(path, index, span).tolist() if path.shot[index] >= 0 else []
         if not near:
-            jobs.append(_Job(index, []))
+            jobs.append((index, [], ()))
             continue
         shot = np.flatnonzero(path.shot == path.shot[index])
         every = shot[::step]
         keys = tuple(sorted(every[np.argsort(np.abs(every - index), kind="stable")[:_KEYS]].tolist()))
-        jobs += [_Job(key, _chosen(path, key, span).tolist(), sweeps=True) for key in keys if key not in swept]
+        jobs += [(key, _chosen(path, key, span).tolist(), None) for key in keys if key not in swept]
         swept.update(keys)
-        jobs.append(_Job(index, near, keys=keys))
+        jobs.append((index, near, keys))
     return jobs
 
 
@@ -348,29 +345,26 @@ def _chosen(path: ClipPath, index: int, span: int) -> NDArray[np.int64]:
 
 def _with_neighbours(
     clip: VideoReader, path: ClipPath, missing: list[int], width: int
-) -> Iterator[tuple[_Job, Panorama | None, list[Panorama]]]:
-    """Yield what is to be done in order, with the frame and its neighbours; pictures are held while they are needed."""
+) -> Iterator[tuple[int, _Keys, Panorama | None, list[Panorama]]]:
+    """Yield (number, key frames, frame, neighbours) of `_jobs` in order; pictures are held while they are needed."""
     import cv2
 
     jobs = _jobs(path, missing, float(clip.frame_rate))
-    needed = sorted({frame for job in jobs if job.near for frame in (job.index, *job.near)})
-    if not needed:
-        yield from ((job, None, []) for job in jobs)
-        return
-    first = [min([job.index, *job.near]) for job in jobs]
+    wanted = {frame for index, near, _ in jobs if near for frame in (index, *near)}
+    first = [min([index, *near]) for index, near, _ in jobs]
     first = np.minimum.accumulate(first[::-1])[::-1].tolist()  # of this and of what follows
-    frames, wanted = clip.frames(needed[0], needed[-1] + 1), frozenset(needed)
+    read = min(wanted, default=0)
+    frames = clip.frames(read, max(wanted, default=0) + 1)
     held: dict[int, NDArray[np.uint8]] = {}
-    read = needed[0]
 
     def panorama(index: int) -> Panorama:
         return Panorama(held[index], path.position[index], path.rotation[index])
 
-    for job, oldest in zip(jobs, first, strict=True):
-        if not job.near:
-            yield job, None, []
+    for (index, near, keys), oldest in zip(jobs, first, strict=True):
+        if not near:
+            yield index, keys, None, []
             continue
-        last = max([job.index, *job.near])
+        last = max([index, *near])
         for frame in islice(frames, max(last + 1 - read, 0)):
             read = frame.index + 1
             if frame.index in wanted:
@@ -380,4 +374,4 @@ def _with_neighbours(
                 held[frame.index] = grey
         for old in [one for one in held if one < oldest]:
             del held[old]
-        yield job, panorama(job.index), [panorama(one) for one in job.near]
+        yield index, keys, panorama(index), [panorama(one) for one in near]

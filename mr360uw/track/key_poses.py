@@ -9,6 +9,7 @@ Gauss-Newton with Cauchy weights, so that features on fish and caustics have lit
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -246,20 +247,13 @@ def _matched(
 def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses:
     """Return the key frames of a camera that moves, by structure from motion."""
     scene = _solve_structure(keys.paths, folder, steps)
-    count = 0 if scene is None else len(scene.kept)
-    if scene is None or count < _LEAST_SOLVED * len(keys.index):
+    count = 0 if scene is None else scene.num_reg_images()
+    if count < _LEAST_SOLVED * len(keys.index):
         raise ParameterError(
             f"{where} - no path explains its pictures (got {count} of {len(keys.index)} key frames) - cut it where the "
             "scene changes, mask what moves with the camera, or give a clip with more texture"
         )
-    landmarks = []
-    for pixel, point in zip(scene.pixel, scene.point, strict=True):
-        order = np.argsort(scene.error_px[point], kind="stable")[:_LANDMARKS]
-        landmarks.append(Landmarks(pixel[order], scene.points[point[order]], far=False))
-    return KeyPoses(
-        "moving", keys.index[scene.kept], tuple(keys.paths[k] for k in scene.kept), scene.position, scene.rotation,
-        scene.residual_px, tuple(landmarks), scene.points, scene.error_px, held_out_errors(scene),
-    )  # fmt: skip
+    return _poses_of_scene(scene, keys)
 
 
 def _resting(kind: Kind, keys: KeyFrames, pixels: tuple[Floats, ...], matches: Matches) -> KeyPoses:
@@ -302,10 +296,15 @@ _LEAST_OBSERVED = 20
 """Least number of held-out features of a key frame that has a slip; half as many make its noise 1.4 times as large."""
 
 
-def held_out_errors(scene: Solution) -> tuple[Floats, Floats]:
-    """Return the errors of points from half of the key frames in the other half, for each solved one: slip and feature.
+def held_out_errors(
+    position: Floats, rotation: Floats, seen: Sequence[Floats], numbers: Sequence[NDArray[np.int64]], points: Floats
+) -> tuple[Floats, Floats]:
+    """Return the errors of points from half of the key frames in the other half, for each key frame: slip and feature.
 
-    Both (s,) are in pixels of a panorama 2048 wide, NaN where too few points are seen. Slip: length of the median
+    position (k, 3), rotation (k, 3, 3): of the key frames. seen, numbers: directions (n, 3) in the axes of each, and
+    the numbers (n,) of the points (m, 3) that are seen there.
+
+    Both (k,) are in pixels of a panorama 2048 wide, NaN where too few points are seen. Slip: length of the median
     error, as a vector, of the features below the horizon: how far the ground as a whole, and a body on it, is off.
     Feature: median length of the errors of single features, which contains their noise.
 
@@ -313,17 +312,17 @@ def held_out_errors(scene: Solution) -> tuple[Floats, Floats]:
     see them; then the other way round. Errors are in the tangent plane: along the parallel and along the meridian.
     """
     # List all observations by key frame, every other key frame held out
-    count = len(scene.position)
-    frame = np.repeat(np.arange(count), [len(point) for point in scene.point])
-    point, own = np.concatenate(scene.point), np.concatenate(scene.direction)
-    look = np.concatenate([seen @ turn.T for seen, turn in zip(scene.direction, scene.rotation, strict=True)])
-    eye = scene.position[frame]
+    count = len(position)
+    frame = np.repeat(np.arange(count), [len(one) for one in numbers])
+    point, own = np.concatenate(numbers), np.concatenate(seen)
+    look = np.concatenate([one @ turn.T for one, turn in zip(seen, rotation, strict=True)])
+    eye = position[frame]
     error = np.full((len(frame), 2), np.nan)
     # Triangulate from one half, measure in the other
     for parity in (0, 1):
         using = frame % 2 == parity
-        place = triangulate(point[using], eye[using], look[using], len(scene.points))
-        towards = np.einsum("nji,nj->ni", scene.rotation[frame[~using]], place[point[~using]] - eye[~using])
+        place = triangulate(point[using], eye[using], look[using], len(points))
+        towards = np.einsum("nji,nj->ni", rotation[frame[~using]], place[point[~using]] - eye[~using])
         error[~using] = _tangent(own[~using], towards) * WIDTH / (2.0 * np.pi)
     # Take medians for each key frame: of single features, and of the ground as a whole
     slip, feature = np.full(count, np.nan), np.full(count, np.nan)
@@ -380,28 +379,7 @@ _LEAST_SEEN, _LEAST_SHARE = 15, 0.15
 """Fewest known points, and least share of a frame's matches, that place another frame."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Solution:
-    """A solved scene in arbitrary axes and scale.
-
-    position (s, 3) and rotation (s, 3, 3) of solved key frames, camera axes to world; kept (s,): which of all these
-    are. residual_px (s,): median reprojection errors. pixel, direction, point: observed pixels (n, 2), their directions
-    (n, 3) in camera axes and numbers of their points (n,), for each frame. points (m, 3), error_px (m,): mean
-    reprojection error of each.
-    """
-
-    position: Floats
-    rotation: Floats
-    kept: NDArray[np.int64]
-    residual_px: Floats
-    pixel: tuple[Floats, ...]
-    direction: tuple[Floats, ...]
-    point: tuple[NDArray[np.int64], ...]
-    points: Floats
-    error_px: Floats
-
-
-def _solve_structure(paths: tuple[Path, ...], folder: Path, steps: Steps) -> Solution | None:
+def _solve_structure(paths: tuple[Path, ...], folder: Path, steps: Steps) -> Any:
     """Return the scene of most key frames that COLMAP maps from their matches; None where it finds none.
 
     Starts are tried in a fixed order until nine tenths of the key frames are solved. folder: with COLMAP's
@@ -423,7 +401,7 @@ def _solve_structure(paths: tuple[Path, ...], folder: Path, steps: Steps) -> Sol
                     best = scene
             if best is not None and best.num_reg_images() >= _ENOUGH * len(paths):
                 break
-        return None if best is None else _solution(best, [path.name for path in paths])
+        return best
 
 
 def _mapping(pycolmap: Any, angle_deg: float, matches: int, point_deg: float) -> Any:
@@ -441,18 +419,19 @@ def _mapping(pycolmap: Any, angle_deg: float, matches: int, point_deg: float) ->
     return options
 
 
-def _solution(scene: Any, names: list[str]) -> Solution:
-    """Return a COLMAP reconstruction as arrays in our camera axes."""
+def _poses_of_scene(scene: Any, keys: KeyFrames) -> KeyPoses:
+    """Return a COLMAP reconstruction of key frames in our camera axes, and in arbitrary ones of the world and scale."""
     # Number the scene's points in order
     ids = sorted(scene.points3D)
     row = {point: index for index, point in enumerate(ids)}
     points = np.array([scene.points3D[i].xyz for i in ids]).reshape(-1, 3)
     error = np.array([scene.points3D[i].error for i in ids])
-    # Take the pose, observations and residual of each image that was solved, in the order of the clip
+    # Take the poses of the images that were solved, in the order of the clip
     images = sorted((image for image in scene.images.values() if image.has_pose), key=lambda image: image.name)
     position = np.array([image.projection_center() for image in images]).reshape(-1, 3)
     rotation = np.array([image.cam_from_world().rotation.matrix().T @ _AXES for image in images]).reshape(-1, 3, 3)
-    pixels, directions, numbers, residual = [], [], [], []
+    # Take their observations: directions and numbers of points, the residual, and landmarks of the least errors
+    directions, numbers, residual, landmarks = [], [], [], []
     for image, eye, turn in zip(images, position, rotation, strict=True):
         observed, camera = image.get_observation_points2D(), scene.cameras[image.camera_id]
         pixel = np.array([p.xy for p in observed]).reshape(-1, 2)
@@ -461,9 +440,13 @@ def _solution(scene: Any, names: list[str]) -> Solution:
         to_point = (points[number] - eye) @ turn
         chord = np.linalg.norm(seen - to_point / np.linalg.norm(to_point, axis=1, keepdims=True), axis=1)
         residual.append(float(np.median(chord)) * camera.width / (2.0 * np.pi) if len(chord) else np.nan)
-        for found, one in zip((pixels, directions, numbers), (pixel, seen, number), strict=True):
-            found.append(one)
-    kept = np.array([names.index(image.name) for image in images], np.int64)
-    return Solution(
-        position, rotation, kept, np.array(residual), tuple(pixels), tuple(directions), tuple(numbers), points, error
-    )
+        order = np.argsort(error[number], kind="stable")[:_LANDMARKS]
+        landmarks.append(Landmarks(pixel[order], points[number[order]], far=False))
+        directions.append(seen)
+        numbers.append(number)
+    solved = {image.name for image in images}
+    kept = [k for k, path in enumerate(keys.paths) if path.name in solved]
+    return KeyPoses(
+        "moving", keys.index[kept], tuple(keys.paths[k] for k in kept), position, rotation, np.array(residual),
+        tuple(landmarks), points, error, held_out_errors(position, rotation, directions, numbers, points),
+    )  # fmt: skip

@@ -57,21 +57,22 @@ def alert(lines: Sequence[str]) -> None:
 
 
 class Button(TextElement):
-    """A button. label: for readers of the screen, where the text is a sign. pressed: of one that stays in."""
+    """A button. title: its hint."""
 
     def __init__(
-        self, text: str, action: Callable[[], Any] | None = None, *, label: str = "", title: str = "", classes: str = ""
+        self, text: str, action: Callable[[], Any] | None = None, *, title: str = "", classes: str = ""
     ) -> None:
         super().__init__(tag="button", text=text)
         self.classes(classes)
         self._props["type"] = "button"
-        self.describe(label, title)
+        if title:
+            self.describe(title)
         if action is not None:
             self.on("click", lambda _: action())
 
-    def describe(self, label: str = "", title: str = "") -> None:
-        """Set the label and the hint."""
-        self._props.update({name: text for name, text in (("aria-label", label), ("title", title)) if text})
+    def describe(self, title: str) -> None:
+        """Set the hint."""
+        self._props["title"] = title
         self.update()
 
     def enable(self, on: bool) -> None:

@@ -165,7 +165,7 @@ class Header:
             (self._redo, "redo", document.redo_label),
         ):
             button.enable(label is not None)
-            button.describe(title=f"{word}: {label}" if label else f"nothing to {word}")
+            button.describe(f"{word}: {label}" if label else f"nothing to {word}")
         state = (document.snapshots, document.problems, document.outside)
         if state != self._shown:
             self._shown = state

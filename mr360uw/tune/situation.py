@@ -321,8 +321,8 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
     def show(
         self, url: str, *, stale: bool = False, coarse: bool = False, stand_in: bool = False, panorama: bool = True,
         name: str = "composite",
-    ) -> int:  # fmt: skip
-        """Show the picture at a URL of this server; return its serial number.
+    ) -> None:  # fmt: skip
+        """Show the picture at a URL of this server.
 
         It is shown once it is loaded, unless a newer one is there by then; the view stays. stale: the settings have
         changed since it was rendered. coarse: a draft of the picture that will follow. stand_in: a draft of the nearest
@@ -337,7 +337,6 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         if stale:
             self._props["expected"] = self._serial + 1
         self.update()
-        return self._serial
 
     def show_other(self, url: str, name: str = "plate") -> None:
         """Set the second picture, for `set_compare`; its size may differ, its projection not."""

@@ -154,8 +154,8 @@ def round_length(most: float) -> float:
     return float(max(f * power for f in (1.0, 2.0, 5.0) if f * power <= most * (1.0 + 1e-9)))
 
 
-def scale_bar(image: Codes, metre_px: float, at: tuple[float, float], most_px: float) -> float:
-    """Draw a bar of a round length, at most `most_px` long, left end at (x, y) [px]; return its length [m].
+def scale_bar(image: Codes, metre_px: float, at: tuple[float, float], most_px: float) -> None:
+    """Draw a bar of a round length, at most `most_px` long, left end at (x, y) [px].
 
     metre_px: pixels to a metre.
     """
@@ -167,7 +167,6 @@ def scale_bar(image: Codes, metre_px: float, at: tuple[float, float], most_px: f
     label(image, f"{length:g} m", (x, y - 10))
     cv2.rectangle(image, (x, y - 4), (end, y), _BLACK, -1)
     cv2.rectangle(image, (x + 1, y - 3), (end - 1, y - 1), _WHITE, -1)
-    return length
 
 
 def false_colour(values: Floats) -> Codes:
