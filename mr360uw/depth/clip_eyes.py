@@ -285,17 +285,15 @@ def _disparity(own: Map, other: Map, sign: float) -> tuple[Map, Map]:
     small, beside = resized(own, size), resized(other, size)
     most = int(np.ceil(2.0 * np.arctan(1.0 / _NEAREST) * size / (2.0 * np.pi)))
     trials = np.arange(-2, most + 2)
-    cost = np.empty((*small.shape, len(trials)), np.float32)
-    for k, shift in enumerate(trials):
-        cost[..., k] = 1.0 - _correlation(small, np.roll(beside, round(sign * shift), axis=1), _SIDE)
+    rolled = (np.roll(beside, round(sign * shift), axis=1) for shift in trials)
+    cost = np.stack([1.0 - _correlation(small, one, _SIDE) for one in rolled], axis=-1)
     step, _ = _lowest(smoothed(cost, _SMALL, _LARGE))
     found = enlarged_map((step + trials[0]).astype(np.float32), width) * np.float32(width / size)
     side = 2 * round(0.5 * _FINE_RAD * width / (2.0 * np.pi)) + 1
     for pixels in _STEPS:
         offsets = pixels * np.arange(-_AROUND, _AROUND + 1)
-        cost = np.empty((*own.shape, len(offsets)), np.float32)
-        for k, offset in enumerate(offsets):
-            cost[..., k] = 1.0 - _correlation(own, _shifted(other, found + np.float32(offset), sign), side)
+        shifted = (_shifted(other, found + np.float32(offset), sign) for offset in offsets)
+        cost = np.stack([1.0 - _correlation(own, one, side) for one in shifted], axis=-1)
         step, best = _lowest(smoothed(cost, _FINE_SMALL, _FINE_LARGE))
         found = (found + np.float32(pixels) * (step - _AROUND)).astype(np.float32)
         found = np.asarray(cv2.medianBlur(found, 3), np.float32)  # without single pixels that differ

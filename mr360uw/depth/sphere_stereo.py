@@ -193,10 +193,8 @@ def _baseline(reference: Panorama, neighbours: Sequence[Panorama]) -> float:
 def _swept(warped: Warped, baseline_m: float) -> Map:
     """Return inverse distances (h, w) [1/m] by a sweep."""
     trials = (np.tan(np.linspace(0.0, _WIDEST_RAD, _TRIALS)) / baseline_m).astype(np.float32)
-    cost = np.empty((warped.height, warped.width, _TRIALS), np.float32)
-    zero = np.zeros(cost.shape[:2], np.float32)
-    for k, inverse in enumerate(trials):
-        cost[..., k] = warped.cost(zero + inverse, _SWEEP_SIDE)
+    zero = np.zeros((warped.height, warped.width), np.float32)
+    cost = np.stack([warped.cost(zero + inverse, _SWEEP_SIDE) for inverse in trials], axis=-1)
     step = _lowest(smoothed(cost, _SMALL, _LARGE))
     low = np.clip(step.astype(np.int64), 0, _TRIALS - 2)
     return np.asarray(trials[low] + (step - low) * (trials[low + 1] - trials[low]), np.float32)
@@ -208,10 +206,8 @@ def _around(warped: Warped, inverse: Map, baseline_m: float, step_px: float) -> 
 
     pixel = np.float32(step_px * 2.0 * np.pi / warped.width / baseline_m)
     unit = pixel * (1.0 + np.square(inverse * np.float32(baseline_m)))
-    offsets = np.arange(-_AROUND, _AROUND + 1)
-    cost = np.empty((*inverse.shape, len(offsets)), np.float32)
-    for k, offset in enumerate(offsets):
-        cost[..., k] = warped.cost((inverse + np.float32(offset) * unit).astype(np.float32), _SIDE)
+    tried = ((inverse + np.float32(k) * unit).astype(np.float32) for k in range(-_AROUND, _AROUND + 1))
+    cost = np.stack([warped.cost(one, _SIDE) for one in tried], axis=-1)
     step = _lowest(smoothed(cost, _FINE_SMALL, _FINE_LARGE))
     found = np.maximum(inverse + (step - _AROUND) * unit, 0.0).astype(np.float32)
     return np.asarray(cv2.medianBlur(found, 3), np.float32)

@@ -251,9 +251,13 @@ _TINY = 1e-12
 
 def _pattern_features(relative: Floats, measures: PatternMeasures, pixel_m: float, finest_m: float) -> Array:
     """Return the features (f,) of a pattern C (T, n, n). finest_m: shortest wavelength that is seen."""
+    import cv2
+
     found = [*np.log(measures.power + _TINY), *np.log(measures.frequency_rad_s + _TINY), np.hypot(*measures.direction)]
+    c = relative.astype(np.float32)
     for width in _WIDTHS:
-        found += _shape(_blurred(relative, width * finest_m / pixel_m), measures.direction)
+        sigma = width * finest_m / pixel_m
+        found += _shape(np.array([cv2.GaussianBlur(one, (0, 0), sigma) for one in c]), measures.direction)
     return np.array(found)
 
 
@@ -269,13 +273,6 @@ def _shape(c: Floats, direction: Array) -> list[float]:
     moments = [float(np.mean(cube)), np.log(float(np.mean(cube * c)) + _TINY)]
     change = [0.5 * np.log(float(np.trace(tensor)) + _TINY), np.log(float(t.std()) + _TINY)]
     return [np.log(spread), *moments, *np.quantile(c, _RANKS), *change, part]
-
-
-def _blurred(relative: Floats, sigma: float) -> NDArray[np.float32]:
-    import cv2
-
-    c = relative.astype(np.float32)
-    return np.array([cv2.GaussianBlur(one, (0, 0), sigma) for one in c])
 
 
 SEAS = (36, 108)

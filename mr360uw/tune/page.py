@@ -53,11 +53,20 @@ class TunePage:
             self.time = TimePanel(session)
         ui.on_exception(tell_error)
         ui.on("tune", lambda event: self._pressed(str(event.args)))
+        # What follows the session: a scene that changed changes all; the first picture lets the rest begin
+        self._followers: dict[Event, tuple[Callable[[], None], ...]] = {
+            "document": (
+                self.controls.refresh, self.header.refresh, self.stage.expect, self.render.refresh, self.time.refresh,
+                self.place.refresh,
+            ),
+            "picture": (self.stage.show, self._begin),
+            "time": (self.stage.expect, self.time.follow, self.place.refresh, self.controls.refresh),
+            "run": (self.render.refresh,),
+            "thumbnails": (self.time.show_thumbnails,),
+        }  # fmt: skip
         self.client.on_delete(session.observe(self._follow))
-        self._follow("document")
-        self._follow("picture")
-        self._follow("time")
-        self._follow("thumbnails")
+        for event in self._followers:
+            self._follow(event)
 
     def save(self) -> None:
         """Save the document; ask first where the file was changed meanwhile."""
@@ -67,29 +76,14 @@ class TunePage:
             self.header.ask_overwrite()
 
     def _follow(self, event: Event) -> None:
-        # A scene that changed changes all; the first picture lets the rest begin
-        if event == "document":
-            self.controls.refresh()
-            self.header.refresh()
-            self.stage.expect()
-            self.render.refresh()
-            self.time.refresh()
+        for follower in self._followers[event]:
+            follower()
+
+    def _begin(self) -> None:
+        if not self._begun and self.session.picture is not None:
+            self._begun = True
             self.place.refresh()
-        elif event == "picture":
-            self.stage.show()
-            if not self._begun and self.session.picture is not None:
-                self._begun = True
-                self.place.refresh()
-                self.time.begin()
-        elif event == "time":
-            self.stage.expect()
-            self.time.follow()
-            self.place.refresh()
-            self.controls.refresh()
-        elif event == "thumbnails":
-            self.time.show_thumbnails()
-        else:
-            self.render.refresh()
+            self.time.begin()
 
     def _pressed(self, name: str) -> None:
         session = self.session

@@ -183,19 +183,17 @@ class PlaceTools:
         self._lasso.begin(shown=tool == "lasso")
 
     async def _picked(self, point: Point) -> None:
-        if not self._tool:
-            return
-        # Answer tools that need no geometry at once
         if self._tool == "water":
             self._match_water(point)
-            return
-        if self._tool in PATCH_TOOLS:
+        elif self._tool in PATCH_TOOLS:
             self._patch.add(point, self._tool)
-            return
-        if self._tool == "lasso":
+        elif self._tool == "lasso":
             self._lasso.add([point])
-            return
-        # Ask for the frame's geometry, and place floor, sun or object by it
+        elif self._tool:
+            await self._place(point)
+
+    async def _place(self, point: Point) -> None:
+        """Ask for the frame's geometry, and place floor, sun or object by it."""
         here = await self._ask()
         if self._tool in ("floor", "level"):
             (self._floor if self._tool == "floor" else self._level).add(here.camera, point)
