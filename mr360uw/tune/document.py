@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import tomlkit
 from tomlkit.items import AoT, Array, InlineTable, Item
@@ -23,7 +23,6 @@ from mr360uw.scene.model import Scene, scene_from_dict
 from mr360uw.scene.problems import key_lines
 from mr360uw.scene.toml_model import scene_text, tables_of
 
-_Observer = TypeVar("_Observer")
 _LONGEST_HISTORY = 1000
 """Steps that can be undone. A text has some 10 kB; ten times as many steps would take 100 MB."""
 
@@ -32,7 +31,28 @@ _Step = tuple[str, str, str | None]
 """A change: its label, the text before it, and its group: changes of one group, one after the other, are one step."""
 
 
-class Document:
+class Observed:
+    """Tells functions of its changes."""
+
+    def __init__(self) -> None:
+        self._observers: list[Callable[..., None]] = []
+
+    def observe(self, callback: Callable[..., None]) -> Callable[[], None]:
+        """Call a function after every change, with its kind if there are several; return the function that ends it."""
+        self._observers.append(callback)
+
+        def end() -> None:
+            if callback in self._observers:
+                self._observers.remove(callback)
+
+        return end
+
+    def _tell(self, *kind: str) -> None:
+        for callback in tuple(self._observers):
+            callback(*kind)
+
+
+class Document(Observed):
     """A scene file as text, and the scene that the text gives.
 
     scene: of the text, or of the last text that gave one. revision: counts the changes. snapshots: texts by name.
@@ -42,6 +62,7 @@ class Document:
 
     def __init__(self, path: Path) -> None:
         """Open a scene file; raise `SceneError` where it gives no scene."""
+        super().__init__()
         self.path, self._stamp = path, stamp(path)
         self.text = self._saved = scene_text(path)
         self.scene, self.tree = self._scene_of(self.text), self._tree_of(self.text)
@@ -51,7 +72,6 @@ class Document:
         self.outside: str | None = None
         self.snapshots: dict[str, str] = {}
         self._past, self._future = list[_Step](), list[_Step]()
-        self._observers: list[Callable[[], None]] = []
         self._together: str | None = None
 
     def get(self, key: str) -> Any:
@@ -194,10 +214,6 @@ class Document:
             self._change("changed by another program", taken, None)
             self._tell()
 
-    def observe(self, callback: Callable[[], None]) -> Callable[[], None]:
-        """Call a function after every change; return the function that ends it."""
-        return observed(self._observers, callback)
-
     def _change(self, label: str, text: str, group: str | None) -> None:
         if text == self.text:
             return
@@ -237,21 +253,6 @@ class Document:
         """Return the scene of a text, whose paths start at the file's folder; raise `SceneError`."""
         folder = self.path.resolve().parent
         return scene_from_dict(self._tree_of(text), folder, where=str(self.path), lines=key_lines(text))
-
-    def _tell(self) -> None:
-        for callback in tuple(self._observers):
-            callback()
-
-
-def observed(observers: list[_Observer], callback: _Observer) -> Callable[[], None]:
-    """Add a function to those that are called after changes; return the function that takes it off."""
-    observers.append(callback)
-
-    def end() -> None:
-        if callback in observers:
-            observers.remove(callback)
-
-    return end
 
 
 # Edits of the TOML text of scene files that keep comments, order and layout.

@@ -19,7 +19,7 @@ from mr360uw.errors import Mr360uwError, ParameterError, install_command
 from mr360uw.preview.live import LivePreview, screen_picture
 from mr360uw.scene.model import Scene, load_scene
 from mr360uw.scene.toml_model import dotted, scene_text, tables_of
-from mr360uw.tune.document import Document, find, key_of, observed
+from mr360uw.tune.document import Document, Observed, find, key_of
 from mr360uw.tune.fields import Field, groups
 from mr360uw.tune.pictures import MadePicture, Pictures, Wanted
 from mr360uw.tune.views import VIEW_NAMES
@@ -90,11 +90,12 @@ class CommandRun:
 
 
 Event = Literal["document", "picture", "time", "run", "thumbnails"]
+"""Kind of a change that a session tells of."""
 _THUMBNAILS = 12
 """Pictures on the time line: as many as are 100 pixels wide on a small screen."""
 
 
-class Session:
+class Session(Observed):
     """A document, where in its clip the page is, and how the picture is shown. For the thread of the event loop.
 
     pictures: makes the pictures; what it publishes goes to `take`. clip: of the plate. frame_count: of the clip, 1 for
@@ -107,6 +108,7 @@ class Session:
     def __init__(
         self, document: Document, pictures: Pictures, clip: VideoReader, width: int, backend: str = "auto"
     ) -> None:
+        super().__init__()
         self.document, self.pictures, self.clip = document, pictures, clip
         self.width, self.backend = min(width, clip.width), backend
         self.run: CommandRun | None = None
@@ -119,7 +121,6 @@ class Session:
         self.kept_pictures: dict[str, int] = {}
         self.picture: MadePicture | None = None
         self.problems: tuple[str, ...] = ()
-        self._observers: list[Callable[[Event], None]] = []
         document.observe(self._document_changed)
 
     @property
@@ -135,10 +136,6 @@ class Session:
     def behind(self) -> bool:
         """Whether the picture is not of the present state at full size."""
         return self.picture is None or self.picture.draft or not self.is_present(self.picture)
-
-    def observe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
-        """Call a function after every change with its kind; return the function that ends it."""
-        return observed(self._observers, callback)
 
     def show(self, *, full: bool = True, moving: bool = False) -> None:
         """Ask for a picture of the present state. full: at full size. moving: that can wait until nothing changes."""
@@ -233,10 +230,6 @@ class Session:
         if self.picture is None or self.picture.wanted.revision != self.document.revision:
             self.show(moving=self.document.dragging)
         self._tell("document")
-
-    def _tell(self, event: Event) -> None:
-        for callback in tuple(self._observers):
-            callback(event)
 
 
 def _measured(scene: Scene, progress: Progress) -> Any:
