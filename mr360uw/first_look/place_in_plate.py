@@ -83,17 +83,17 @@ class Place:
     whether its foot is on what the plate shows at a known distance, and not on the level floor.
     """
 
-    stands: bool
-    hangs: bool
     size_m: float
     smaller: bool
-    azimuth_deg: float
-    elevation_deg: float
-    distance_m: float
     drop_m: float | None
-    uneven: float
-    top_m: float
-    face: float | str
+    stands: bool = False
+    hangs: bool = False
+    azimuth_deg: float = 0.0
+    elevation_deg: float = 0.0
+    distance_m: float = 0.0
+    uneven: float = 0.0
+    top_m: float = 0.0
+    face: float | str = "camera"
     on_shown: bool = False
 
 
@@ -126,10 +126,7 @@ def place_of(
     whole = wish.size_m or mesh.size_m
     reach = _NEAR * sight_m
     size = wish.size_m or min(whole, reach / _sizes_away(_FILLS_DEG[mesh.long]))
-    start = Place(
-        stands=False, hangs=False, size_m=float(f"{size:.3g}"), smaller=size < whole, azimuth_deg=0.0,
-        elevation_deg=0.0, distance_m=0.0, drop_m=drop_m, uneven=0.0, top_m=0.0, face="camera",
-    )  # fmt: skip
+    start = Place(float(f"{size:.3g}"), size < whole, drop_m)
     shown = math.inf if shown_m is None or wish.at_deg is None else shown_m(_direction(*wish.at_deg))
     if habit == "stands" and wish.at_deg is not None and math.isfinite(shown):
         found = _on_shown(mesh, wish.at_deg, start, shown)

@@ -25,9 +25,11 @@ from mr360uw.match.floor_series import (
     NoMatchError,
     PatternMeasures,
     bands,
+    floor_pictures,
     floor_series,
     pattern_measures,
     relative_light,
+    spectrum_pictures,
 )
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share
 from mr360uw.medium.scattered_light import spread_of
@@ -103,8 +105,6 @@ class CausticMatch:
 
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
         """Return pictures (H, W, 3) uint8: `floor` and `spectra`, the plate's beside ours before and after."""
-        from mr360uw.match.floor_series import floor_pictures, spectrum_pictures
-
         shown = [p for p in (self.plate, self.before, self.after) if p is not None]
         if not shown:
             return {}

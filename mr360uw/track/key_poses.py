@@ -193,7 +193,7 @@ _LEAST_MATCHED = 0.5
 class KeyPoses:
     """Solved key frames: numbers (k,), positions (k, 3), rotations (k, 3, 3), residuals (k,) [px], landmarks of each.
 
-    points (m, 3), error_px (m,): of the scene. held_out: see `held_out_errors`, of a camera that moves.
+    points (m, 3), error_px (m,): of the scene. held_out: see `held_out_errors`; empty unless the camera moves.
     """
 
     kind: Kind
@@ -205,7 +205,7 @@ class KeyPoses:
     landmarks: tuple[Landmarks, ...]
     points: Floats
     error_px: Floats
-    held_out: tuple[Floats, Floats] | None
+    held_out: tuple[Floats, Floats]
 
 
 def solve_key_frames(
@@ -275,7 +275,7 @@ def _resting(kind: Kind, keys: KeyFrames, pixels: tuple[Floats, ...], matches: M
     medians = np.array([np.median(r) if r else np.nan for r in residual])
     return KeyPoses(
         kind, keys.index, keys.paths, np.zeros((count, 3)), rotation, medians, tuple(landmarks), np.zeros((0, 3)),
-        np.zeros(0), None,
+        np.zeros(0), (np.zeros(0), np.zeros(0)),
     )  # fmt: skip
 
 

@@ -237,7 +237,7 @@ def _in_world(
 ) -> CameraTrack:
     """Return the track of all frames in the world's axes."""
     position, rotation, residual, observed = frames
-    slip, feature = (None, None) if poses.held_out is None else poses.held_out
+    slip, feature = poses.held_out
     cell = np.floor(np.stack([
         12.0 * (np.arctan2(observed[:, 0], -observed[:, 2]) / (2.0 * np.pi) + 0.5), 6.0 * (0.5 - 0.5 * observed[:, 1])
     ])).astype(int)  # fmt: skip
@@ -250,9 +250,9 @@ def _in_world(
     )  # fmt: skip
 
 
-def _known(middle: Callable[[Floats], float], values: Floats | None) -> float | None:
+def _known(middle: Callable[[Floats], float], values: Floats) -> float | None:
     """Return the median or largest of the values that are known, None if none is."""
-    known = np.zeros(0) if values is None else values[np.isfinite(values)]
+    known = values[np.isfinite(values)]
     return float(middle(known)) if len(known) else None
 
 

@@ -10,7 +10,8 @@ with an error e [rad] of its level, a height found at a distance D along the gro
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from math import degrees, inf, nan, radians
 from pathlib import Path
 from typing import Any, cast
@@ -445,7 +446,7 @@ class LassoTool:
         session, lines, index = self._session, list(self.lines), self._index
         scene, width = self._document.scene, session.clip.width
 
-        async def make() -> None:
+        with self._busy("finding its edges"):
             if scene.plate.eye == "both":
                 raise ParameterError('matte - is of one eye (got plate.eye = "both") - set one eye, or give a file')
             job = session.pictures.ask(
@@ -463,12 +464,10 @@ class LassoTool:
                 write_whole(self._folder / f"{name}.png", data)
             self._name = self._put(name)
 
-        await self._busy("finding its edges", make)
-
     async def _removed(self) -> None:
         name, index = self._name, self._index
 
-        async def remove() -> None:
+        with self._busy("removing the key"):
             if len(self._keys()) == 1:
                 raise ParameterError(
                     f"{name} - has one key left (got frame {index}) - remove the matte from the scene instead"
@@ -478,13 +477,12 @@ class LassoTool:
             await self._carry(name, index)
             self._put(name)
 
-        await self._busy("removing the key", remove)
-
-    async def _busy(self, doing: str, work: Callable[[], Any]) -> None:
+    @contextmanager
+    def _busy(self, doing: str) -> Iterator[None]:
         self._doing = doing
         self._tell()
         try:
-            await work()
+            yield
         finally:
             self._doing = ""
             self.follow()
