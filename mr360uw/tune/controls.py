@@ -217,9 +217,9 @@ def _control_spec(tables: tuple[Group, ...]) -> list[dict[str, Any]]:
     """Return tables and their fields as values of JSON, for controls.js."""
     spec = [
         {"key": group.key, "title": group.title, "help": group.help, "repeated": group.repeated,
-         "optional": group.optional, "tag": group.tag, "kinds": {tag: [
-             {**asdict(field), "step": field.step, "default_text": field.default_text} for field in group.fields(tag)
-         ] for tag in group.tags}}
+         "optional": group.optional, "tag": group.tag, "kinds": {kind: [
+             {**asdict(field), "step": field.step, "default_text": field.default_text} for field in fields
+         ] for kind, fields in group.kinds.items()}}
         for group in tables
     ]  # fmt: skip
     plain: list[dict[str, Any]] = to_jsonable_python(spec, fallback=str)
@@ -261,7 +261,7 @@ class ControlPanel(Element, component="controls.js"):
         self._session, self._document = session, session.document
         tables = groups()
         self._fields = {
-            f"{group.key}.{field.key}": field for group in tables for tag in group.tags for field in group.fields(tag)
+            f"{group.key}.{field.key}": field for group in tables for of in group.kinds.values() for field in of
         }
         self._props["spec"] = _control_spec(tables)
         self._props["first"] = list(FIRST)

@@ -11,7 +11,6 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from mr360uw.base.parameters import bounds_of, stated
@@ -139,9 +138,9 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """A table of a scene. models: the kinds that it may have, the default first. tag: key that chooses among them.
+    """A table of a scene. kinds: the fields that users set, by the names of its kinds, the default first; "" for one.
 
-    changes: whether its numbers may change within a clip.
+    tag: key that chooses among them.
     """
 
     key: str
@@ -149,42 +148,33 @@ class Group:
     help: str
     repeated: bool
     optional: bool
-    models: tuple[type[BaseModel], ...]
     tag: str
-    changes: bool
-
-    @property
-    def tags(self) -> tuple[str, ...]:
-        """Names of the kinds; ("",) where there is one."""
-        return tuple(str(m.model_fields[self.tag].default) for m in self.models) if self.tag else ("",)
-
-    def fields(self, tag: str | None = None) -> tuple[Field, ...]:
-        """Return the fields of a kind of the table that users set; None: of the default kind."""
-        model = next((m for m in self.models if self.tag and tag == m.model_fields[self.tag].default), self.models[0])
-        fields = [(n, f.alias or n, f) for n, f in model.model_fields.items() if not stated(f, "internal")]
-        return tuple(
-            _field(f"{self.key}.{key}", key, field, self.tags if name == self.tag else (), self.changes)
-            for name, key, field in fields
-        )
+    kinds: dict[str, tuple[Field, ...]]
 
 
 def groups() -> tuple[Group, ...]:
     """Return the tables of a scene in the order of the file."""
     found = []
     for name, field in Scene.model_fields.items():
-        key, models = field.alias or name, tuple(models_of(field.annotation))
+        key, models = field.alias or name, models_of(field.annotation)
         tag = "model" if len(models) > 1 else ""
+        tags = tuple(str(model.model_fields[tag].default) for model in models) if tag else ("",)
+        changes, kinds = not stated(field, "fixed"), {}
+        for kind, model in zip(tags, models, strict=True):
+            own = [(n, f.alias or n, f) for n, f in model.model_fields.items() if not stated(f, "internal")]
+            kinds[kind] = tuple(_field(key, word, f, tags if n == tag else (), changes) for n, word, f in own)
         optional, repeated = field.default is None, isinstance(field.default, tuple)
-        title, changes = _TITLES.get(key, _label(key)), not stated(field, "fixed")
-        found.append(Group(key, title, field.description or "", repeated, optional, models, tag, changes))
+        title = _TITLES.get(key, _label(key))
+        found.append(Group(key, title, field.description or "", repeated, optional, tag, kinds))
     return tuple(found)
 
 
-def _field(path: str, key: str, field: FieldInfo, tags: tuple[str, ...], changes: bool) -> Field:
+def _field(table: str, key: str, field: FieldInfo, tags: tuple[str, ...], changes: bool) -> Field:
     """Return a field's description.
 
-    path: with its table. tags: the kinds of the table, where the field chooses one. changes: of the table.
+    tags: the kinds of the table, where the field chooses one. changes: whether numbers of the table may.
     """
+    path = f"{table}.{key}"
     options = [part for part in _parts(field.annotation) if part is not NoneType]
     optional = len(options) < len(_parts(field.annotation))
     choices = tags or _choices(options)

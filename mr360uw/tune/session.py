@@ -281,7 +281,7 @@ def sliders(scene: str | Path, *keys: str, frame: int = 0, width: int = 768, bac
 def _field(key: str) -> Field:
     """Return the description of a number; raise `ParameterError` for other keys."""
     name = ".".join(part for part in dotted(key) if not part.isdecimal())
-    every = ((group.key, field) for group in groups() for tag in group.tags for field in group.fields(tag))
+    every = ((group.key, field) for group in groups() for fields in group.kinds.values() for field in fields)
     field = next((field for table, field in every if f"{table}.{field.key}" == name), None)
     if field is None or field.span is None or field.kind not in ("number", "integer"):
         raise ParameterError(f"{key} - is no number with a slider (got {key!r}) - take for example sea.wind_speed")

@@ -15,8 +15,8 @@ GROUPS = {group.key: group for group in groups()}
 EVERY = [
     (f"{group.key}.{field.key}", model, field)
     for group in GROUPS.values()
-    for model in group.models
-    for field in group.fields(model.model_fields[group.tag].default if group.tag else None)
+    for model in models_of(next(f for n, f in Scene.model_fields.items() if (f.alias or n) == group.key).annotation)
+    for field in group.kinds[model.model_fields[group.tag].default if group.tag else ""]
 ]
 
 
@@ -103,8 +103,8 @@ def test_everyday_words_find_a_control() -> None:
     texts = [
         " ".join((group.key, group.title, group.help, field.key, field.label, field.help)).lower()
         for group in GROUPS.values()
-        for tag in group.tags
-        for field in group.fields(tag)
+        for fields in group.kinds.values()
+        for field in fields
     ]
     for words in ("brighter", "darker", "exposure", "tint", "haze", "god rays", "sand", "sun azimuth"):
         assert any(all(word in text for word in words.split()) for text in texts), words
@@ -114,5 +114,5 @@ def test_lists_and_kinds_of_tables() -> None:
     assert [key for key, group in GROUPS.items() if group.repeated][:3] == ["object", "lamp", "holdout"]
     assert [key for key, group in GROUPS.items() if group.optional] == ["receiver"]
     sea: Group = GROUPS["sea"]
-    assert {f.key for f in sea.fields("spectral")} > {"spectrum", "wind_speed"}
-    assert "steepness" in {f.key for f in sea.fields()}
+    assert {f.key for f in sea.kinds["spectral"]} > {"spectrum", "wind_speed"}
+    assert "steepness" in {f.key for f in sea.kinds["gerstner"]}

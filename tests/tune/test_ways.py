@@ -62,7 +62,7 @@ def test_parameters_without_effect_name_the_cause() -> None:
 
 
 def test_causes_are_parameters() -> None:
-    known = {f"{group.key}.{field.key}" for group in groups() for tag in group.tags for field in group.fields(tag)}
+    known = {f"{group.key}.{field.key}" for group in groups() for of in group.kinds.values() for field in of}
     asked: list[str] = []
 
     def noted(key: str) -> tuple[Any, Any]:
