@@ -157,8 +157,7 @@ def _shown_by(depth: Path, plate: PlateLook, track: Path | None) -> tuple[float 
     """
     from mr360uw.depth.occlusion import PlateDepth  # whose kernels most plates have no use for
 
-    roll, pitch = (0.0, 0.0) if plate.tilt is None else (plate.tilt.roll_deg, plate.tilt.pitch_deg)
-    camera = CameraSettings(track=track, roll_deg=roll, pitch_deg=pitch)
+    camera = CameraSettings(track=track, roll_deg=plate.roll_deg, pitch_deg=plate.pitch_deg)
     position, rotation = CameraPath.of(Scene(plate=PlateSettings(path=plate.path), camera=camera)).at(0.0)
     maps = PlateDepth(depth, right=plate.eye == "right")
 

@@ -92,13 +92,8 @@ _FLOOR_LIGHT = 0.9
 """Light from below over that at the horizon from which a smooth floor is likely; open water gets darker downwards."""
 
 
-@dataclass(frozen=True, slots=True)
-class Tilt:
-    """Roll and pitch [deg] of a camera, and what told them."""
-
-    roll_deg: float
-    pitch_deg: float
-    by: str
+_Tilt = tuple[float, float, str]
+"""Roll and pitch [deg] of a camera, and what told them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,9 +102,10 @@ class PlateLook:
     same of the first.
 
     still: one picture. size: (width, height) [pixels]. eye: that was looked at, None of mono. projection: "auto" unless
-    the plate shows another one. tilt: of the camera, None where it cannot be told or is level. floor: whether something
-    is seen below. floor_m: height of the camera over the ground by the two eyes of a stereo plate, None where they do
-    not tell it; notes: doubts about their arrangement and about the plate's projection, one line each.
+    the plate shows another one. roll_deg, pitch_deg: of the camera; tilt_by: what told them, "" where they cannot be
+    told or it is level. floor: whether something is seen below. floor_m: height of the camera over the ground by the
+    two eyes of a stereo plate, None where they do not tell it; notes: doubts about their arrangement and about the
+    plate's projection, one line each.
     """
 
     path: Path
@@ -121,7 +117,9 @@ class PlateLook:
     projection: Projection
     medium: WaterOrAir
     dark: bool
-    tilt: Tilt | None
+    roll_deg: float
+    pitch_deg: float
+    tilt_by: str
     floor: bool
     floor_m: float | None = None
     notes: tuple[str, ...] = ()
@@ -153,7 +151,8 @@ def look_at_plate(path: Path, eye: Eye | None = None, *, underwater: bool | None
     doubt, floor_m = eyes_of_plate(scene)
     notes += (doubt,) if doubt else ()
     floor = _has_floor(image, medium.underwater)
-    return PlateLook(path, image, frames[0], still, size, eye, projection, medium, dark, tilt, floor, floor_m, notes)
+    level = tilt or (0.0, 0.0, "")
+    return PlateLook(path, image, frames[0], still, size, eye, projection, medium, dark, *level, floor, floor_m, notes)
 
 
 def _small(video: VideoReader, index: int) -> Floats:
@@ -165,24 +164,24 @@ def _small(video: VideoReader, index: int) -> Floats:
     return np.asarray(cv2.resize(light, (COLUMNS, ROWS), interpolation=way))
 
 
-def _posed(plate: PlateSettings) -> Tilt | None:
+def _posed(plate: PlateSettings) -> _Tilt | None:
     """Return the tilt that a plate's file states, None where it is level."""
     _, pitch, roll = pose_of_plate(plate)
-    return Tilt(roll, pitch, "the pose that its file states") if is_tilted(pitch, roll) else None
+    return (roll, pitch, "the pose that its file states") if is_tilted(pitch, roll) else None
 
 
-def _tilt(frames: list[Floats]) -> Tilt | None:
+def _tilt(frames: list[Floats]) -> _Tilt | None:
     """Return the tilt of a camera under water that most frames agree on; None where it is small or cannot be told."""
     found = [estimate_horizon(environment(image, underwater=True).residual) for image in frames]
     clip = clip_horizon(found)
     if clip is None or np.hypot(*clip[:2]) < _LEAST_TILT_RAD:
         return None
     roll, pitch = np.degrees(clip[:2]).tolist()
-    return Tilt(roll, pitch, "its window to the sky (Snell's)")
+    return roll, pitch, "its window to the sky (Snell's)"
 
 
-def _levelled(image: Floats, tilt: Tilt) -> Floats:
-    seen = directions(COLUMNS, ROWS) @ level_matrix(*np.radians([tilt.roll_deg, tilt.pitch_deg]).tolist())
+def _levelled(image: Floats, tilt: _Tilt) -> Floats:
+    seen = directions(COLUMNS, ROWS) @ level_matrix(*np.radians(tilt[:2]).tolist())
     return remap(np.asarray(image, np.float32), *frame_from_direction(seen, COLUMNS, ROWS))
 
 

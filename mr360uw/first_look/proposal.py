@@ -115,9 +115,7 @@ def _ground_below(plate: PlateLook, wish: Wish) -> tuple[float | None, str]:
 
 def _nearest_type(plate: PlateLook, view: FreeView) -> tuple[JerlovType, float, tuple[str, ...]]:
     """Return the nearest type, its confidence, 0 where none has the plate's colour, and the others that are likely."""
-    camera = CameraSettings(depth_m=_DEPTH_M)
-    if plate.tilt is not None:
-        camera = camera.model_copy(update={"roll_deg": plate.tilt.roll_deg, "pitch_deg": plate.tilt.pitch_deg})
+    camera = CameraSettings(depth_m=_DEPTH_M, roll_deg=plate.roll_deg, pitch_deg=plate.pitch_deg)
     settings = PlateSettings(path=plate.path, eye=plate.eye, projection=plate.projection)
     scene = Scene(plate=settings, camera=camera)
     unknown: JerlovType = _MURKY if plate.medium.red_far > LITTLE_RED else _WATER
@@ -315,9 +313,10 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
         )
     # Say what lights it, how the camera stands, and what water, floor and depths were guessed
     lines.append(f"light     {'dark' if plate.dark else 'day'}; {sun}")
-    if plate.tilt is not None:
-        tilt = plate.tilt
-        lines.append(f"level     tilted, by {tilt.by}: roll {tilt.roll_deg:.0f}, pitch {tilt.pitch_deg:.0f} degrees")
+    if plate.tilt_by:
+        lines.append(
+            f"level     tilted, by {plate.tilt_by}: roll {plate.roll_deg:.0f}, pitch {plate.pitch_deg:.0f} degrees"
+        )
     if chosen.water is not None:
         lines += _water_lines(chosen)
     lines += [_floor_line(chosen), *_depth_lines(plate, chosen)]
@@ -474,9 +473,9 @@ def _camera_rows(plate: PlateLook, chosen: Proposal, folder: Path) -> list[tuple
     rows = [("[camera]", ""), (f"depth_m = {chosen.depth_m:g}", note)]
     if chosen.track is not None:
         rows.append((f"track = {toml_value(relative_to(chosen.track, folder))}", ""))
-    elif plate.tilt is not None:
-        tilt = plate.tilt
-        rows += [(f"roll_deg = {tilt.roll_deg:.1f}", f"by {tilt.by}"), (f"pitch_deg = {tilt.pitch_deg:.1f}", "")]
+    elif plate.tilt_by:
+        rows.append((f"roll_deg = {plate.roll_deg:.1f}", f"by {plate.tilt_by}"))
+        rows.append((f"pitch_deg = {plate.pitch_deg:.1f}", ""))
     return rows
 
 
