@@ -202,8 +202,8 @@ def poses_of(
     eye: Literal["left", "right"] | None,
 ) -> ClipPath:
     """Return the poses of all frames of a clip; raise `ParameterError` where no motion tells distances."""
-    # Begin without poses: frames outside of all tracks have none
     motions = [_motion(one) for one in _tracks(video, track, eye)]
+    # Begin without poses: frames outside of all tracks have none
     count = clip.frame_count or 1  # None of a still
     rate = float(clip.frame_rate)
     times = np.arange(count) / rate
