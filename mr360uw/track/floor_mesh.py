@@ -354,7 +354,7 @@ def _bilinear(x_m: Floats, z_m: Floats, x: Floats, z: Floats) -> Any:
     from scipy.interpolate import NdBSpline
 
     knots = tuple(np.pad(nodes, 1, mode="edge") for nodes in (z_m, x_m))
-    at = NdBSpline.design_matrix(np.stack([z, x], axis=1), knots, 1)
+    at: Any = NdBSpline.design_matrix(np.stack([z, x], axis=1), knots, 1)
     at.resize(len(x), len(x_m) * len(z_m))  # it leaves out the last nodes where no point is near them
     return at
 
