@@ -54,7 +54,7 @@ def rays(scene: Scene) -> np.ndarray:
 
 def seen(live: LivePreview, scene: Scene, ray: np.ndarray, wide_deg: float, width: int) -> np.ndarray:
     """Return a composite's body (height, width, 3) in 8-bit codes: as an ordinary camera sees it, and close up."""
-    frame = live.frame(scene, 0, min(width, live.clip(scene).width)).picture
+    frame = live.frame(scene, 0, min(width, live.loaded(scene).width)).picture
     light = frame.image_linear
     exposure = GREY / max(float(np.median(light)), 1e-6) if scene.plate.path.suffix in (".hdr", ".exr") else 1.0
     middle = 0.5 * (ray.min(axis=0) + ray.max(axis=0))

@@ -48,6 +48,7 @@ def new(
     outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
     """Look at VIDEO and MESH, and write a scene that puts one into the other, with a preview; say what was guessed."""
+    from mr360uw.base.progress import terminal_progress
     from mr360uw.composite.mesh.up_axis import Up
     from mr360uw.first_look.first_scene import make_first_scene
     from mr360uw.first_look.place_in_plate import Wish
@@ -71,9 +72,10 @@ def new(
         direction, "stands" if stand else "swims" if swim else None, size, cast("Up", up), eye,
         water if water or air else None, track, depth,
     )  # fmt: skip
-    _, lines, commands = make_first_scene(
-        video, mesh, out, wish, overwrite=overwrite, outside_files=outside_files, backend=backend
-    )
+    with terminal_progress() as progress:
+        _, lines, commands = make_first_scene(
+            video, mesh, out, wish, overwrite=overwrite, outside_files=outside_files, backend=backend, progress=progress
+        )
     typer.echo("\n".join([*lines, *commands]))
 
 

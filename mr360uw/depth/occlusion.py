@@ -26,8 +26,8 @@ from mr360uw.track.key_frames import grey_picture
 from mr360uw.types import Floats, View
 from mr360uw.video import VideoFrame
 
-_NEAR = np.arange(-1, 2)
-"""Pixels about a direction whose distances are its own."""
+_NEAR = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
+"""Pixels (row, column) about a direction whose distances are its own."""
 _KEPT = 4
 """Frames whose distances are kept: two, of both eyes."""
 
@@ -74,18 +74,19 @@ class PlateDepth(DepthClip):
         with self._one_thread:
             return self._kept.of(_ground_below, self, index, np.array(view.world_from_camera[1]))
 
-    def toward(self, index: int, direction: Floats) -> float:
-        """Return the distance [m] of what a frame shows in a direction (3,) in the camera's axes.
+    def toward(self, index: int, directions: Floats) -> Floats:
+        """Return the distances (...) [m] of what a frame shows in directions (..., 3) in the camera's axes.
 
-        It is the median of the sure pixels of the map about it; infinite where there are none.
+        Each is the median of the sure pixels of the map about it; infinite where there are none.
         """
         found = self.map_at(index)
         height, width = found.distance_m.shape
-        x, y = frame_from_direction(direction, width, height)
-        rows = np.clip(int(y) + _NEAR, 0, height - 1)[:, None]
-        columns = (int(x) + _NEAR) % width
-        near = found.distance_m[rows, columns][found.confidence[rows, columns] >= SURE]
-        return float(np.median(near)) if len(near) else float("inf")
+        x, y = (np.asarray(v).astype(int)[..., None] for v in frame_from_direction(directions, width, height))
+        rows, columns = np.clip(y + _NEAR[:, 0], 0, height - 1), (x + _NEAR[:, 1]) % width
+        sure = found.confidence[rows, columns] >= SURE
+        near = np.where(sure, found.distance_m[rows, columns], np.nan)
+        near[~sure.any(axis=-1)] = np.inf
+        return np.asarray(np.nanmedian(near, axis=-1))
 
     def map_at(self, index: int, eye: int = 0) -> DepthMap:
         """Return the map of a frame at its own size. eye: 1 for the right one of two, else 0."""

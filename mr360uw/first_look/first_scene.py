@@ -12,16 +12,27 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.color import luminance
+from mr360uw.base.color import encode, luminance
 from mr360uw.base.files import check_outputs, whole_file
 from mr360uw.base.input_files import read_json
+from mr360uw.base.progress import Progress
+from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.first_look.observations import PlateLook, look_at_mesh, look_at_plate
-from mr360uw.first_look.place_in_plate import ShownDistance, Wish
-from mr360uw.first_look.proposal import brightness_lines, found_lines, propose, scene_lines
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse, screen_picture
+from mr360uw.first_look.place_in_plate import ShownDistance, Wish, nearer, nearest_m
+from mr360uw.first_look.proposal import (
+    Proposal,
+    brightness_lines,
+    corrected,
+    found_lines,
+    propose,
+    scene_lines,
+    summary_line,
+)
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, Perspective, coarse, look, narrowed, screen_picture
 from mr360uw.render.check import possible_outputs
+from mr360uw.render.frame import Frame
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.surroundings import CameraPath
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene, scene_from_dict
@@ -31,39 +42,54 @@ from mr360uw.types import Floats, View
 _GREY = 0.18
 """Reflectance of a grey card, and about that of most ground."""
 _THIN = 0.01
-"""Thickness of the card over its side."""
+"""Thickness of a card over its side."""
 _WHOLE = 0.95
-"""Alpha from which a pixel shows the card alone."""
+"""Alpha from which a pixel shows a card alone."""
 _FEWEST = 12
-"""Pixels of the card below which nothing is told."""
+"""Pixels of the cards below which nothing is told."""
 _DARKEST = 1e-4
 """Light that counts as black."""
+_CARDS_DEG = (0.0, 90.0, 180.0, -90.0)
+"""Azimuths of the cards; what is most common of the four counts, not a rock or a diver beside one of them."""
+_CARD_M, _AWAY = 0.45, 1.2
+"""Side of a card, and how far away it lies, over the height of the camera above the ground."""
 
 
 def _grey_card_stops(live: LivePreview, draft: Scene) -> float | None:
-    """Return by how many stops a grey card in the place of a draft's object is brighter than the plate around it.
+    """Return by how many stops grey cards on a draft's ground are brighter than the plate around them: the median.
 
-    Where the object stands the card lies on the ground, else it faces the camera. None where it is not seen.
+    That is how much the light found is too bright, if the ground is as bright as most ground. None where no ground is
+    known, or no card is seen.
     """
     import trimesh
 
-    body = draft.objects[0]
-    lies = body.stand_on is not None
+    if draft.receiver is None:
+        return None
+    drop = -draft.receiver.height_m
     with TemporaryDirectory() as folder:
         path = Path(folder) / "card.ply"
-        trimesh.creation.box((1.0, _THIN, 1.0) if lies else (1.0, 1.0, _THIN)).export(path)
-        card = ObjectSettings(
-            mesh=path, size_m=body.size_m, azimuth_deg=body.azimuth_deg, elevation_deg=body.elevation_deg,
-            distance_m=body.distance_m, stand_on=body.stand_on, face="camera", casts_shadow=False,
-            base_color=(_GREY, _GREY, _GREY), metallic=0.0, roughness=1.0,
+        trimesh.creation.box((1.0, _THIN, 1.0)).export(path)
+        cards = tuple(
+            ObjectSettings(
+                mesh=path, size_m=_CARD_M * drop, azimuth_deg=azimuth, distance_m=_AWAY * drop, stand_on="receiver",
+                face="camera", casts_shadow=False, base_color=(_GREY, _GREY, _GREY), metallic=0.0, roughness=1.0,
+            )
+            for azimuth in _CARDS_DEG
         )  # fmt: skip
-        frame = live.frame(draft.model_copy(update={"objects": (card,)}), 0, COARSE_WIDTH)
+        frame = live.frame(draft.model_copy(update={"objects": cards}), 0, COARSE_WIDTH)
+    # Compare each card with what is around it in the plate
+    import cv2
+
     inside = frame.layer.alpha > _WHOLE
-    if int(inside.sum()) < _FEWEST:
-        return None
+    count, labels = cv2.connectedComponents(inside.astype(np.uint8))
     seen, plate = (luminance(picture.image_linear) for picture in (frame.picture, frame.plate))
-    shown, around = float(np.mean(seen[inside])), float(np.median(plate[_rim(inside)]))
-    return float(np.log2(max(shown, _DARKEST) / max(around, _DARKEST)))
+    found = []
+    for number in range(1, count):
+        card = labels == number
+        if int(card.sum()) >= _FEWEST:
+            shown, around = float(np.mean(seen[card])), float(np.median(plate[_rim(card)]))
+            found.append(np.log2(max(shown, _DARKEST) / max(around, _DARKEST)))
+    return float(np.median(found)) if found else None
 
 
 def _rim(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -76,10 +102,54 @@ def _rim(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray((outer > inner)[:, reach:-reach])
 
 
-_PREVIEW_COLUMNS = 1024
-"""Width [pixels] of previews, at most."""
+_GHOST_CODES, _NEARER = 8.0, 0.7
+"""Difference [codes] from the plate below which a body is a ghost, and the fraction of its distance tried next."""
+
+
+def _contrast_codes(live: LivePreview, draft: Scene) -> float:
+    """Return by how many 8-bit codes a draft's body differs from the plate behind it, the median of its pixels."""
+    frame = live.frame(draft, 0, COARSE_WIDTH)
+    inside = frame.layer.alpha > _WHOLE
+    if not np.any(inside):
+        return np.inf
+    body, plate = (
+        255.0 * encode(np.clip(picture.image_linear[inside], 0.0, 1.0), "srgb")
+        for picture in (frame.picture, frame.plate)
+    )
+    return float(np.median(np.abs(body - plate).max(axis=-1)))
+
+
+_PREVIEW_COLUMNS, _DRAWN_COLUMNS = 1024, 2048
+"""Widths [pixels] of previews, and of the frames that they show, at most."""
+_INSET_DEG, _FOOT_SHARE = 60.0, 0.03
+"""Field of view of the insets, and the lowest fraction of a body's pixels, which are its foot."""
 _RADIANCE = (".exr", ".hdr")
 """Stills of scene radiance, whose composite is one too."""
+
+
+def _preview(frame: Frame, *, radiance: bool) -> Floats:
+    """Return a frame as a sheet of linear light: the whole sphere, below it views of the body and of its foot.
+
+    radiance: exposed so that its median is as bright as a grey card, as light without an exposure of its own.
+    """
+    light = frame.picture.image_linear
+    if radiance:
+        light = light * (_GREY / max(float(np.median(luminance(light))), _DARKEST))
+    sphere = narrowed(light, _PREVIEW_COLUMNS)
+    # Look at the middle of what the body covers, and at its lowest part
+    alpha = frame.layer.alpha
+    toward = directions(alpha.shape[1], alpha.shape[0])
+    seen, weight = toward[alpha > 0.5], row_solid_angle(alpha.shape[1], alpha.shape[0])[np.nonzero(alpha > 0.5)[0]]
+    if not len(seen):
+        return sphere
+    lowest = seen[:, 1] <= np.quantile(seen[:, 1], _FOOT_SHARE)
+    width = sphere.shape[1] // 2
+    insets = []
+    for one, size in ((seen, weight), (seen[lowest], weight[lowest])):
+        x, y, z = size @ one
+        yaw, pitch = np.degrees([np.arctan2(x, -z), np.arctan2(y, np.hypot(x, z))]).tolist()
+        insets.append(look(light, Perspective(yaw, pitch, _INSET_DEG, width, 2 * width // 3)))
+    return np.concatenate([sphere, np.concatenate(insets, axis=1)])
 
 
 def make_first_scene(
@@ -91,39 +161,62 @@ def make_first_scene(
     overwrite: bool = False,
     outside_files: bool = False,
     backend: str = "auto",
+    progress: Progress | None = None,
 ) -> tuple[Path, list[str], list[str]]:
     """Write a scene that puts `mesh` into `video` where it is seen, and a preview of its first frame beside it.
 
     Returns the scene, lines on what was found and guessed, and commands that go on from there.
 
     wish: for its place and size, with what is known of the files. outside_files: the mesh may name files outside of its
-    folder. Raises the files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; nothing is written then.
+    folder. The distances of a stereo still are found by its two eyes, and kept beside the scene in NAME.depth;
+    progress: of that. Raises the files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; no scene is
+    written then.
     """
     wish = wish or Wish()
     path, preview = _targets(video, mesh, wish.track, out, overwrite=overwrite)
     plate = look_at_plate(video, wish.eye, underwater=wish.underwater)
     seen = look_at_mesh(mesh, up=wish.up, outside_files=outside_files)
     floor = None if wish.track is None else _floor_of(wish.track)
+    if wish.eye is None and wish.depth is None and plate.still and plate.floor_m is not None:
+        wish = replace(wish, depth=_distances_of_eyes(video, path.with_suffix(".depth"), progress))
     shown_m = None
     if wish.depth is not None:
         below_m, shown_m = _shown_by(wish.depth, plate, wish.track)
         floor = floor if below_m is None else (below_m, "by the distances of the plate")
     chosen = propose(plate, seen, wish, floor, shown_m)
-    text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
-    scene = scene_from_dict(tomllib.loads(text), path.parent)
+
+    def written(chosen: Proposal) -> tuple[str, Scene]:
+        text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
+        return text, scene_from_dict(tomllib.loads(text), path.parent)
+
+    radiance = plate.path.suffix.lower() in _RADIANCE
     with LivePreview(backend) as live:
-        draft, width = coarse(scene), min(_PREVIEW_COLUMNS, plate.size[0])
-        loaded = live.loaded(draft, width)
-        sun, to_uncomment = _sun(loaded, live)
-        picture = live.frame(draft, 0, width).picture
-        stops = _grey_card_stops(live, draft)
-    with whole_file(preview) as shown, whole_file(path) as written:  # on a full disk neither is there
-        shown.write_bytes(screen_picture(picture.image_linear, ".png"))
-        written.write_text(text + to_uncomment, "utf-8")
-    suffix = (".exr" if plate.path.suffix.lower() in _RADIANCE else ".png") if plate.still else ".mp4"
+        # Correct the light by what the ground shows, and bring nearer what the water hides
+        _, scene = written(chosen)
+        width = min(_PREVIEW_COLUMNS, plate.size[0])
+        sun, to_uncomment = _sun(live.loaded(coarse(scene), width), live)
+        chosen = corrected(chosen, _grey_card_stops(live, coarse(scene)))
+        text, scene = written(chosen)
+        place = chosen.place
+        least = 1.01 * nearest_m(seen, place.size_m)
+        while chosen.water is not None and not (place.stands or place.on_shown) and place.distance_m > least:
+            if _contrast_codes(live, coarse(scene)) >= _GHOST_CODES:
+                break
+            place = nearer(place, max(_NEARER * place.distance_m, 0.99 * least), seen, wish)
+            chosen = replace(chosen, place=place)
+            text, scene = written(chosen)
+        # Draw the preview
+        wide = min(_DRAWN_COLUMNS, plate.size[0])
+        loaded = live.loaded(coarse(scene), wide)
+        sheet = _preview(live.frame(coarse(scene), 0, wide), radiance=radiance)
+    with whole_file(preview) as shown, whole_file(path) as file:  # on a full disk neither is there
+        shown.write_bytes(screen_picture(sheet, ".png"))
+        file.write_text(text + to_uncomment, "utf-8")
+    suffix = (".exr" if radiance else ".png") if plate.still else ".mp4"
     lines = [
+        summary_line(chosen, seen, sun, in_doubt=bool(to_uncomment)),
         *found_lines(plate, seen, chosen, sun),
-        *brightness_lines(stops),
+        *brightness_lines(chosen),
         *(f"note      {note}" for note in (*_of_file(scene, path), *plate.notes, *loaded.notes)),
     ]
     lines += [f"wrote     {path}", f"          {preview}: look at it first"]
@@ -151,6 +244,14 @@ def _targets(video: Path, mesh: Path, track: Path | None, out: Path | None, *, o
     return path, preview
 
 
+def _distances_of_eyes(video: Path, folder: Path, progress: Progress | None) -> Path:
+    """Write the distances of both eyes of a stereo still into a folder, unless they are there; return the folder."""
+    from mr360uw.depth.clip_eyes import depth_of_eyes  # whose kernels most plates have no use for
+
+    depth_of_eyes(video, folder, progress=progress)
+    return folder
+
+
 def _shown_by(depth: Path, plate: PlateLook, track: Path | None) -> tuple[float | None, ShownDistance]:
     """Return how far [m] maps of a plate's distances show the ground below the camera, None where they do not, and
     what tells other distances. The camera is levelled by its track, or by the tilt that the plate shows.
@@ -161,8 +262,8 @@ def _shown_by(depth: Path, plate: PlateLook, track: Path | None) -> tuple[float 
     position, rotation = CameraPath.of(Scene(plate=PlateSettings(path=plate.path), camera=camera)).at(0.0)
     maps = PlateDepth(depth, right=plate.eye == "right")
 
-    def shown_m(direction: Floats) -> float:
-        return maps.toward(0, rotation.T @ direction)
+    def shown_m(directions: Floats) -> Floats:
+        return maps.toward(0, directions @ rotation)
 
     return maps.ground_below(0, View(2, 1, position, rotation)), shown_m
 

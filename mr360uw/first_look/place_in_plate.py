@@ -24,15 +24,19 @@ from mr360uw.types import Array, Floats
 
 _GUESSED_M: dict[bool, float] = {True: 1.3, False: 1.6}
 """Height of a camera over the ground that is not known: of a diver over a floor, and of a tripod or a head in air."""
-_USUAL_DEG, _WIDEST_DEG = 20.0, 40.0
-"""Angle that a thing is seen under as a rule, and at most where there is room behind."""
+_USUAL_DEG, _LARGE_DEG = 20.0, 32.0
+"""Angle that a thing is seen under as a rule, and that of large kinds."""
+_WIDEST_DEG: dict[bool, float] = {True: 55.0, False: 40.0}
+"""That angle at most where there is room behind: in water, which hides what is far away, and in air."""
+_LARGE_M = 3.0
+"""Typical length from which a kind is large, as whales and wrecks are: they should look it."""
 _FILLS_DEG: dict[bool, float] = {True: 45.0, False: 60.0}
 """That angle at most where water hides the distance: of long things, whose nearer end looks larger, and of others."""
 _NEAR = 1.0 / 3.0
 """Greatest distance over the visibility: a contrast of 20 %."""
 _BELOW_DEG = (20.0, 40.0)
 _NEAREST_M, _NEAR_BY_M = 1.5, 5.0
-_ROOM = 1.6
+_ROOM = 2.2
 """Range of distances, over the least, of things too large for the usual ones."""
 _SWIMS_DEG, _SINKS_DEG = (-8.0, 12.0), (-30.0, -12.0)
 """Elevations at which things off the ground are put, and things that would stand where no ground is seen."""
@@ -40,7 +44,7 @@ _CLEAR_M = 0.3
 """Least distance [m] of things off the ground from ground and surface."""
 _TURN_DEG = 20.0
 """Angle from straight across by which the front is turned towards the camera."""
-_TRIED_DEG, _TRIED = 5.0, 7
+_TRIED_DEG, _TRIED = 5.0, 9
 _LOWEST_DEG = 2.0
 """Angle below the horizon from which a direction meets the ground within reach."""
 
@@ -50,7 +54,7 @@ class Wish:
     """Wishes for a thing's place. at_deg: azimuth and elevation, of its foot if it stands, else of its middle.
 
     habit: whether it stands or swims, whatever its name says. size_m: its longest side. Besides, what is known of the
-    files: up, the mesh's axis that is up; eye, of a stereo plate, by default the left one; underwater, whether the
+    files: up, the mesh's axis that is up; eye, of a stereo plate, by default both; underwater, whether the
     plate is, None to tell it by the picture; track, the camera's path, whose floor is taken from the .json beside it;
     depth, folder of the plate's distances, which tell the floor and what things stand on.
     """
@@ -104,8 +108,8 @@ def guessed_drop_m(plate: PlateLook, wish: Wish) -> float | None:
     return _GUESSED_M[wet] if seen or wish.habit == "stands" else None
 
 
-ShownDistance = Callable[[Floats], float]
-"""Distance [m] of what the plate shows in a direction (3,) of the levelled camera, infinite where it is not known."""
+ShownDistance = Callable[[Floats], Floats]
+"""Distances (...) [m] of what the plate shows in directions (..., 3) of the levelled camera, infinite if not known."""
 
 
 def place_of(
@@ -125,25 +129,30 @@ def place_of(
     habit = wish.habit or (mesh.habit if plate.medium.underwater or mesh.habit == "flies" else "stands")
     whole = wish.size_m or mesh.size_m
     reach = _NEAR * sight_m
-    size = wish.size_m or min(whole, reach / _sizes_away(_FILLS_DEG[mesh.long]))
+    size = wish.size_m or min(whole, reach / nearest_m(mesh, 1.0))
     start = Place(float(f"{size:.3g}"), size < whole, drop_m)
-    shown = math.inf if shown_m is None or wish.at_deg is None else shown_m(_direction(*wish.at_deg))
+    shown = math.inf if shown_m is None or wish.at_deg is None else float(shown_m(_direction(*wish.at_deg)))
     if habit == "stands" and wish.at_deg is not None and math.isfinite(shown):
         found = _on_shown(mesh, wish.at_deg, start, shown)
     elif habit == "stands" and drop_m is not None:
-        found = _standing(plate, mesh, wish, start, reach, drop_m)
+        found = _standing(plate, mesh, wish, start, reach, drop_m, shown_m)
     else:
         found = _off_the_ground(plate, mesh, wish, replace(start, hangs=habit == "stands"), reach)
     across = round((found.azimuth_deg + 90.0 + _TURN_DEG + 180.0) % 360.0 - 180.0, 1) + 0.0
     return replace(found, face=across if mesh.long else "camera", distance_m=float(f"{found.distance_m:.3g}"))
 
 
-def _standing(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_m: float, drop_m: float) -> Place:
+def _standing(
+    plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_m: float, drop_m: float,
+    shown_m: ShownDistance | None,
+) -> Place:  # fmt: skip
     """Return a place on the ground."""
     size = start.size_m
     level_reach = math.sqrt(max(reach_m**2 - drop_m**2, drop_m**2))
     least = drop_m / math.tan(math.radians(_BELOW_DEG[1]))
-    near = min(max(least, _NEAREST_M, _sizes_away(_WIDEST_DEG) * size), max(level_reach, least))
+    near = min(
+        max(least, _NEAREST_M, _sizes_away(_WIDEST_DEG[plate.medium.underwater]) * size), max(level_reach, least)
+    )
     far = max(drop_m / math.tan(math.radians(_BELOW_DEG[0])), _ROOM * near)
     distances = np.geomspace(near, max(min(far, level_reach), near), _TRIED)
     azimuths = np.arange(-180.0, 180.0, _TRIED_DEG)
@@ -157,10 +166,9 @@ def _standing(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_
             np.array([v]) for v in (wish.at_deg[0], drop_m / math.tan(math.radians(-wish.at_deg[1])))
         )
     height = size * mesh.extent[1]
-    usual = float(
-        np.clip(_sizes_away(_USUAL_DEG) * size, distances[0], max(distances[0], min(distances[-1], _NEAR_BY_M)))
-    )
-    azimuth, distance, cost = ground_place(plate.image, drop_m, _footprint(mesh, size), distances, azimuths, usual)
+    usual = float(np.clip(_usual_distance(mesh, size), distances[0], max(distances[0], min(distances[-1], _NEAR_BY_M))))
+    body = _footprint(mesh, size)
+    azimuth, distance, cost = ground_place(plate.image, drop_m, body, distances, azimuths, usual, shown_m)
     middle = math.degrees(math.atan2(0.5 * height - drop_m, distance))
     return replace(
         start, stands=True, azimuth_deg=azimuth, elevation_deg=round(middle, 1),
@@ -197,7 +205,7 @@ def _footprint(mesh: MeshLook, size_m: float) -> Sides:
 def _off_the_ground(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_m: float) -> Place:
     """Return a place in open water, or in the sky."""
     size, wet = start.size_m, plate.medium.underwater
-    height, distance = size * mesh.extent[1], min(_sizes_away(_USUAL_DEG) * size, reach_m)
+    height, distance = size * mesh.extent[1], min(_usual_distance(mesh, size), reach_m)
     azimuth, elevation = wish.at_deg or (0.0, 0.0)
     if wish.at_deg is None:
         level = _SINKS_DEG if start.hangs or plate.medium.half else _clear_of_ground(distance, height, start.drop_m)
@@ -206,6 +214,28 @@ def _off_the_ground(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, 
         start, azimuth_deg=azimuth, elevation_deg=round(elevation, 1), distance_m=distance,
         top_m=distance * math.sin(math.radians(elevation)) + 0.5 * height,
     )  # fmt: skip
+
+
+def nearest_m(mesh: MeshLook, size_m: float) -> float:
+    """Return the distance [m] at which a mesh of a size fills as much of the view as it may."""
+    return _sizes_away(_FILLS_DEG[mesh.long]) * size_m
+
+
+def nearer(place: Place, distance_m: float, mesh: MeshLook, wish: Wish) -> Place:
+    """Return the place of a mesh off the ground at another distance: clear of the ground, or where it is asked for."""
+    height, distance = place.size_m * mesh.extent[1], float(f"{distance_m:.3g}")
+    low, _ = _clear_of_ground(distance, height, place.drop_m)
+    elevation = place.elevation_deg
+    if wish.at_deg is None and not place.hangs:
+        elevation = round(max(elevation, low), 1)
+    top = distance * math.sin(math.radians(elevation)) + 0.5 * height
+    return replace(place, distance_m=distance, elevation_deg=elevation, top_m=top)
+
+
+def _usual_distance(mesh: MeshLook, size_m: float) -> float:
+    """Return the distance [m] at which a mesh is seen under the angle that is usual for its kind."""
+    large = mesh.kind is not None and mesh.kind.typical_m >= _LARGE_M
+    return _sizes_away(_LARGE_DEG if large else _USUAL_DEG) * size_m
 
 
 def _sizes_away(angle_deg: float) -> float:
@@ -307,6 +337,11 @@ _EDGES, _UNLIKE, _SHADE, _PLAIN, _CROSSED = 2.0, 0.15, 0.5, 0.2, 1.0
 missing structure, and of the strongest edge across the way."""
 _HIDES, _ASIDE, _ODD = 0.2, 0.0012, 0.15
 """Costs of edges behind the body over the plate's mean, of a degree from the middle, of a factor of e of distance."""
+_NO_ROOM = 4.0
+"""Cost of a place where all that is known of the plate's distances is in a body's way, or not below its foot."""
+_INTO, _OFF_GROUND = 0.9, 0.15
+"""Distance of what the plate shows over that of the body below which it is in the way, and difference of the
+logarithms of ground and foot that counts as none."""
 _SHADE_FROM, _PLAIN_FROM = 0.4, 0.5
 """Logarithms of darkness and of missing structure that cost nothing."""
 _WAY_FROM, _LANE = 0.8, 0.6
@@ -322,14 +357,15 @@ Sides = tuple[float, float, float]
 
 
 def ground_place(
-    image: Floats, drop_m: float, body: Sides, distances_m: Array, azimuths_deg: Array, usual_m: float
-) -> tuple[float, float, float]:
+    image: Floats, drop_m: float, body: Sides, distances_m: Array, azimuths_deg: Array, usual_m: float,
+    shown_m: ShownDistance | None = None,
+) -> tuple[float, float, float]:  # fmt: skip
     """Return the best of some places on the ground of a levelled panorama (h, w, 3) of linear light.
 
     That is the azimuth of its middle [deg], its level distance [m], and its cost, 0.3 on even ground.
 
     drop_m: height of the camera over the ground. distances_m: (n,), level. azimuths_deg: (m,). usual_m: the distance
-    that is preferred where all else is equal.
+    that is preferred where all else is equal. shown_m: tells the distances of what the plate shows, where it is known.
     """
     layout = _Layout.of(image)
     azimuth, distance = np.meshgrid(np.radians(azimuths_deg), distances_m / drop_m, indexing="ij")
@@ -347,6 +383,8 @@ def ground_place(
     cost += _CROSSED * _crossed(layout, azimuth[:, 0], distance[0] + 0.5 * along, across)
     cost += _HIDES * _hidden(image, azimuth, distance * drop_m, body, drop_m)
     cost += _ASIDE * np.abs(np.degrees(azimuth)) + _ODD * np.abs(np.log(distance * drop_m / usual_m))
+    if shown_m is not None:
+        cost += _NO_ROOM * _crowded(shown_m, azimuth, distance * drop_m, body, drop_m)
     row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
     return float(azimuths_deg[row]), float(distances_m[column]), float(cost[row, column])
 
@@ -420,6 +458,28 @@ def _crossed(layout: _Layout, azimuth: Array, ends: Array, width: float) -> Arra
     step = np.linalg.norm(shades[:, :, 2:] - shades[:, :, :-2], axis=-1).max(axis=1)
     last = np.searchsorted(ahead[1:-1], ends + 2.0 * _BLUR)
     return np.asarray(np.maximum.accumulate(step, axis=1)[:, np.minimum(last, step.shape[1] - 1)])
+
+
+def _crowded(shown_m: ShownDistance, azimuth: Array, distance_m: Array, body: Sides, drop_m: float) -> Array:
+    """Return the fraction of what is known of the plate about some places that leaves a body no room there.
+
+    That is what is nearer than its sides and its top, and ground that is not where its foot is; 0 where nothing is
+    known.
+    """
+    # Points of the body from its foot to its top, over its width and length
+    across, along, up = (axis.ravel() for axis in np.meshgrid([-0.5, 0.0, 0.5], [-0.5, 0.0, 0.5], [0.0, 0.4, 0.9]))
+    right, ahead, above = across * body[0], along * body[1], up * body[2] - drop_m
+    level = distance_m[..., None] + ahead
+    x = level * np.sin(azimuth[..., None]) + right * np.cos(azimuth[..., None])
+    z = right * np.sin(azimuth[..., None]) - level * np.cos(azimuth[..., None])
+    points = np.stack([x, np.broadcast_to(above, x.shape), z], axis=-1)
+    away = np.linalg.norm(points, axis=-1)
+    # Compare them with what the plate shows in their directions
+    seen = shown_m(points / away[..., None]) / away
+    ground = np.broadcast_to(up == 0.0, seen.shape)
+    wrong = np.where(ground, np.abs(np.log(np.maximum(seen, 1e-6))) > _OFF_GROUND, seen < _INTO)
+    known = np.isfinite(seen)
+    return np.asarray(np.sum(wrong & known, axis=-1) / np.maximum(np.sum(known, axis=-1), 1))
 
 
 def _hidden(image: Floats, azimuth: Array, distance_m: Array, body: Sides, drop_m: float) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +67,8 @@ class WaterGuess:
 class Proposal:
     """A scene as it is proposed. water: None in air. floor_by: what told the floor's height, or "".
 
-    lamp: whether a lamp goes with the camera. track, depth: files that were given for it.
+    lamp: whether a lamp goes with the camera. track, depth: files that were given for it, or made. both: whether both
+    eyes of a stereo plate are worked on. exposure: stops by which the object is to be brighter, as the ground tells.
     """
 
     place: Place
@@ -77,6 +78,8 @@ class Proposal:
     lamp: bool
     track: Path | None
     depth: Path | None
+    both: bool
+    exposure: float = 0.0
 
 
 def propose(
@@ -103,7 +106,8 @@ def propose(
     place = place_of(plate, mesh, wish, sight, drop, shown_m)
     least = _CLEAR_M if plate.medium.half else _DEPTH_M
     depth = max(least, math.ceil(10.0 * (place.top_m + _CLEAR_M)) / 10.0) if wet else CameraSettings().depth_m
-    return Proposal(place, water, float(depth), floor_by, plate.dark, wish.track, wish.depth)
+    both = plate.eye is not None and wish.eye is None
+    return Proposal(place, water, float(depth), floor_by, plate.dark, wish.track, wish.depth, both)
 
 
 def _ground_below(plate: PlateLook, wish: Wish) -> tuple[float | None, str]:
@@ -288,6 +292,20 @@ _WIDTH = 34
 """Column at which comments of a scene start."""
 
 
+def summary_line(chosen: Proposal, mesh: MeshLook, sun: str, *, in_doubt: bool) -> str:
+    """Return what was made of a plate and a mesh in one sentence: what is where, in which light.
+
+    sun: that of the plate, in words. in_doubt: whether it may be none, and the scene ends in lines that make it one.
+    """
+    place = chosen.place
+    what = mesh.kind.word if mesh.kind else mesh.path.stem
+    off = "in the water" if chosen.water else "in the air"
+    how = "standing on the ground" if place.stands or place.on_shown else off
+    if in_doubt:
+        sun = "soft light, no sure sun, so weak shadows or none: if you see the sun, uncomment the scene's last lines"
+    return f"{what}, {place.size_m:g} m long, {how} {_side(place.azimuth_deg)}, {place.distance_m:g} m away; {sun}"
+
+
 def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) -> list[str]:
     """Return a line for each thing found in the files or guessed. sun: that of the plate, in words."""
     # Say what the plate is, and how it is read
@@ -295,7 +313,7 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
     kind = "a still" if plate.still else "a clip"
     lines = [f"plate     {plate.path.name}: {kind}, {width}x{height}"]
     if plate.eye is not None:
-        lines[0] += f", its {plate.eye} eye"
+        lines[0] += ", both eyes" if chosen.both else f", its {plate.eye} eye"
     if plate.projection != "auto":
         lines[0] += f", from {plate.projection}: it shows that"
     if plate.projection == "dual_fisheye":
@@ -411,15 +429,30 @@ def _water_lines(chosen: Proposal) -> list[str]:
     ]
 
 
-def brightness_lines(stops: float | None) -> list[str]:
-    """Return a line where a grey card at the object's place is brighter or darker than the plate around by a stop."""
-    if stops is None or abs(stops) < 1.0:
+_WRONG_STOPS, _DOUBTFUL_STOPS = 1.5, 0.75
+"""Stops from which the light found is corrected under water, and from which that is proposed: of sand and rock of any
+brightness most are within."""
+
+
+def corrected(chosen: Proposal, card_stops: float | None) -> Proposal:
+    """Return a proposal with the exposure that the ground tells. card_stops: by which a grey card is brighter."""
+    if card_stops is None or abs(card_stops) < _DOUBTFUL_STOPS:
+        return chosen
+    return replace(chosen, exposure=round(-card_stops, 1))
+
+
+def brightness_lines(chosen: Proposal) -> list[str]:
+    """Return a line where a grey card on the ground is brighter or darker than the ground."""
+    stops = chosen.exposure
+    if not stops:
         return []
-    way = "darker" if stops < 0.0 else "brighter"
-    return [
-        f"grey      a grey card would be {abs(stops):.1f} stops {way} there than what is around it: "
-        f"light.exposure = {-stops:.1f} makes up for that"
-    ]
+    way = "darker" if stops > 0.0 else "brighter"
+    done = "made up for by exposure" if _is_corrected(chosen) else f"exposure = {stops:.1f} would make up for that"
+    return [f"grey      a grey card would be {abs(stops):.1f} stops {way} than the ground around it: {done}"]
+
+
+def _is_corrected(chosen: Proposal) -> bool:
+    return chosen.water is not None and abs(chosen.exposure) >= _WRONG_STOPS
 
 
 def _sight_words(sight: Sight) -> str:
@@ -438,7 +471,7 @@ def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path
     """Return the text of the scene, for a file in a folder."""
     rows: list[tuple[str, str]] = [("[plate]", ""), (f"path = {toml_value(relative_to(plate.path, folder))}", "")]
     if plate.eye is not None:
-        rows.append((f'eye = "{plate.eye}"', "of the two"))
+        rows.append(('eye = "both"', "of the stereo plate") if chosen.both else (f'eye = "{plate.eye}"', "of the two"))
     if plate.projection != "auto":
         rows.append((f'projection = "{plate.projection}"', "by what its first picture shows"))
     if chosen.depth is not None:
@@ -522,6 +555,9 @@ def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_file
         (f'front = "{mesh.front}"', f"of the mesh: {mesh.why_front}"),
         (f"face = {face}", 'azimuth its front points to, or "camera"'),
     ]
+    if chosen.exposure:
+        row = f"exposure = {chosen.exposure:.1f}"
+        rows.append((row if _is_corrected(chosen) else f"# {row}", "stops, by the plate's ground beside a grey card"))
     if len(mesh.clips) > 1:
         rows.append((f"animation = {toml_value(mesh.clips[0])}", f"the first of {len(mesh.clips)}"))
     return [*rows, ("outside_files = true", "")] if outside_files else rows

@@ -266,7 +266,7 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
         lamp.at(time_s, view, ()).position if lamp.settings.attach == "world" else None for lamp in loaded.lamps
     )
     marks, depth = tuple(markers(loaded, time_s, index, None)), loaded.plate_depth
-    plate_m = None if depth is None else lambda direction: depth.toward(index, direction)
+    plate_m = None if depth is None else lambda direction: float(depth.toward(index, direction))
     return Situation(view, receiver, tuple(bodies), lamps, marks, edge, plate_m)
 
 

@@ -67,13 +67,14 @@ def test_a_dive_and_a_fish_in_centimetres(dive: SampleDive, tmp_path: Path, run:
     assert scene.water.type != "none"
     angle, points = seen(scene)
     assert 10.0 < angle < 32.0
+    assert said.splitlines()[0].startswith("fish, 0.4 m long, in the water")
     assert points[:, 1].min() > (scene.receiver.height_m if scene.receiver else -np.inf)
     assert points[:, 1].max() < scene.camera.depth_m
     preview, plate = cv2.imread(str(out.with_suffix(".preview.png"))), cv2.VideoCapture(str(dive.plate)).read()[1]
-    assert preview.shape == plate.shape
+    assert preview.shape == (plate.shape[0] + 85, plate.shape[1], 3)  # below it, two views of 128 by 85 pixels
     column = round((scene.objects[0].azimuth_deg or 0.0) / 360.0 * 256 + 128)
     row = round(64 - (scene.objects[0].elevation_deg or 0.0) / 180.0 * 128)
-    there = np.abs(preview.astype(int) - plate)[row - 4 : row + 4, column - 6 : column + 6]
+    there = np.abs(preview[: len(plate)].astype(int) - plate)[row - 4 : row + 4, column - 6 : column + 6]
     assert there.max(axis=-1).mean() > 4.0  # a body of another colour; codecs and dither change plates by a code or two
 
 
@@ -141,19 +142,71 @@ def test_the_floor_is_that_of_a_camera_track(tmp_path: Path, run: Run) -> None:
     assert "is no camera track" in err
 
 
-def test_stereo_plates_are_taken_by_their_left_eye_and_others_refused(tmp_path: Path, run: Run) -> None:
+def test_stereo_plates_are_taken_by_both_eyes_and_others_refused(tmp_path: Path, run: Run) -> None:
     left, right = water((0.02, 0.15, 0.3)), water((0.02, 0.13, 0.28))
     picture(tmp_path / "two.png", np.concatenate([left, right]))
     body = mesh(tmp_path / "fish.ply", 0.4)
-    code, said, _ = run("new", tmp_path / "two.png", body, "--backend", "reference")
-    assert code == 0
-    assert "left eye" in said
-    assert load_scene(tmp_path / "two.toml").plate.eye == "left"
+    for options, eye in (((), "both"), (("--eye", "left", "--overwrite"), "left")):
+        code, said, _ = run("new", tmp_path / "two.png", body, "--backend", "reference", *options)
+        assert code == 0
+        assert ("both eyes" if eye == "both" else "left eye") in said
+        assert load_scene(tmp_path / "two.toml").plate.eye == eye
+    assert not (tmp_path / "two.depth").exists()  # open water has no distances
     picture(tmp_path / "flat.png", left[:, :180])
     code, _, err = run("new", tmp_path / "flat.png", body)
     assert code == 2
     assert "not a 360 degree panorama" in err
     assert not (tmp_path / "flat.toml").exists()
+
+
+def test_the_eyes_of_a_still_tell_its_floor(tmp_path: Path, run: Run, rng: np.random.Generator) -> None:
+    """A mottled floor 0.8 m below eyes 64 mm apart, each on its viewing circle; the maps are kept."""
+    d = directions(512, 256)
+    with np.errstate(divide="ignore"):
+        reach = np.where(d[..., 1] < -0.1, -0.8 / d[..., 1], np.nan)
+    mottled = cv2.GaussianBlur(rng.normal(0.0, 1.0, (1024, 1024)).astype(np.float32), (0, 0), 2.0)
+    eyes = []
+    for side in (-0.032, 0.032):
+        # Rays start beside the middle, across their azimuth, less far towards the nadir
+        x, z = reach * d[..., 0] - side * d[..., 2], reach * d[..., 2] + side * d[..., 0]
+        column, row = (np.nan_to_num(64.0 * v + 512.0, nan=0.0).astype(np.float32) for v in (x, z))
+        floor = cv2.remap(mottled, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        ground = np.exp(1.5 * floor)[..., None] * np.array((0.03, 0.08, 0.1))
+        sea = cv2.resize(water((0.02, 0.15, 0.3)), (512, 256))
+        eyes.append(np.where(np.isfinite(reach)[..., None], ground, sea))
+    plate = picture(tmp_path / "reef.png", np.concatenate(eyes))
+    given = ("new", plate, mesh(tmp_path / "anchor.ply", 0.3), "--backend", "reference")
+    code, said, err = run(*given)
+    assert (code, err) == (0, "")
+    assert "by the distances of the plate" in said
+    scene = load_scene(tmp_path / "reef.toml")
+    assert scene.plate.depth == tmp_path / "reef.depth"
+    assert scene.receiver is not None
+    assert abs(scene.receiver.height_m / -0.8 - 1.0) < 0.1  # half a pixel of 6.5
+    maps = (tmp_path / "reef.depth" / "depth_00000.exr").stat().st_mtime_ns
+    assert run(*given, "--overwrite")[0] == 0
+    assert (tmp_path / "reef.depth" / "depth_00000.exr").stat().st_mtime_ns == maps
+
+
+def test_the_ground_tells_the_exposure(tmp_path: Path, run: Run, rng: np.random.Generator) -> None:
+    """Four times as much light from the same ground under the same water is two stops more."""
+    sea = water((0.02, 0.15, 0.3))
+    y = directions(256, 128)[..., 1:2]
+    rough = np.exp(rng.normal(0.0, 0.3, (128, 256, 1)))
+    found = []
+    for times in (1.0, 4.0):
+        plate = picture(tmp_path / "reef.png", np.where(y < -0.2, times * rough * np.array((0.05, 0.12, 0.15)), sea))
+        code, _, err = run("new", plate, mesh(tmp_path / "fish.ply", 0.4), "--overwrite", "--backend", "reference")
+        assert (code, err) == (0, "")
+        text = (tmp_path / "reef.toml").read_text()
+        found.append(
+            next(
+                (float(line.split("exposure = ")[1].split()[0]) for line in text.splitlines() if "exposure = " in line),
+                0.0,
+            )
+        )
+        assert (load_scene(tmp_path / "reef.toml").objects[0].exposure != 0.0) == (abs(found[-1]) >= 1.5)
+    assert abs(found[1] - found[0] - 2.0) < 0.4  # brighter ground also lights the water, a little
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
@@ -181,7 +234,7 @@ def test_a_clip_straight_from_the_camera_gets_its_projection(
     assert f"from {projection}" in said
     assert ("200 degrees each, guessed" in said) == (projection == "dual_fisheye")
     assert load_scene(tmp_path / "raw.toml").plate.projection == projection
-    assert cv2.imread(str(tmp_path / "raw.preview.png")).shape == (size[1], size[0], 3)
+    assert cv2.imread(str(tmp_path / "raw.preview.png")).shape == (size[1] + 85, size[0], 3)
 
 
 def test_a_still_straight_from_the_camera_is_refused_with_the_command_that_turns_it(tmp_path: Path, run: Run) -> None:

@@ -11,8 +11,8 @@ import pytest
 
 from mr360uw import load_scene
 from mr360uw.base.sphere import directions
-from mr360uw.first_look.observations import kind_of, water_or_air
-from mr360uw.first_look.place_in_plate import ground_place, shows_ground
+from mr360uw.first_look.observations import kind_of, look_at_mesh, water_or_air
+from mr360uw.first_look.place_in_plate import Place, Wish, ground_place, nearer, shows_ground
 from mr360uw.types import Floats
 from tests.first_look.plates import SIZE, air, water
 from tests.first_look.test_first_scene import mesh, picture
@@ -48,6 +48,36 @@ def test_things_stand_on_even_ground_before_no_wall(free_deg: float, rng: np.ran
     off = abs((azimuth_deg - free_deg + 180.0) % 360.0 - 180.0)
     assert off <= 25.0  # the free side is 60 degrees wide, the foot 10 to 24
     assert cost < 0.9
+
+
+def test_things_stand_where_the_plate_has_room_for_them(rng: np.random.Generator) -> None:
+    """Grass all around, but distances say that what looks alike ahead is a wall 1.8 m away."""
+    grass = np.exp(rng.normal(0.0, 0.3, (256, 512)))[..., None] * np.array((0.08, 0.12, 0.03))
+
+    def shown_m(d: Floats) -> Floats:
+        level = DROP_M / np.maximum(-d[..., 1], 1e-6)
+        wall = np.where(d[..., 2] < 0.0, 1.8 / np.maximum(np.hypot(d[..., 0], d[..., 2]), 1e-6), np.inf)
+        found = np.minimum(level, wall)
+        return np.where(found < 50.0, found, np.inf)
+
+    image = np.where(directions(512, 256)[..., 1:2] > 0.0, (0.3, 0.5, 0.9), grass)
+    given = (image, DROP_M, (0.8, 0.8, 1.0), np.geomspace(1.9, 4.4, 7), np.arange(-180.0, 180.0, 5.0), 2.5)
+    assert abs(ground_place(*given)[0]) < 60.0  # the middle of the frame, all else being equal
+    assert abs(ground_place(*given, shown_m)[0]) >= 95.0
+
+
+def test_what_is_brought_nearer_stays_clear_of_the_ground(tmp_path: Path) -> None:
+    far = Place(
+        stands=False, hangs=False, size_m=5.0, smaller=False, azimuth_deg=30.0, elevation_deg=2.0, distance_m=10.0,
+        drop_m=1.3, uneven=0.0, top_m=1.4, face="camera",
+    )  # fmt: skip
+    box = look_at_mesh(mesh(tmp_path / "whale.ply", 5.0))  # 2.5 m high
+    near = nearer(far, 5.0, box, Wish())
+    middle = near.distance_m * np.sin(np.radians(near.elevation_deg))
+    assert near.distance_m == 5.0
+    assert middle - 0.5 * 2.5 >= -1.3 + 0.29
+    assert near.top_m == pytest.approx(middle + 0.5 * 2.5, abs=1e-6)
+    assert nearer(far, 5.0, box, Wish(at_deg=(30.0, 2.0))).elevation_deg == 2.0
 
 
 def test_open_water_below_is_no_ground(rng: np.random.Generator) -> None:
