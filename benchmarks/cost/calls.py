@@ -2,7 +2,8 @@
 """Functions and modules that a steady frame calls, and its calls of OpenGL: python benchmarks/cost/calls.py [--width W]
 
 For the four scenes of `pipeline.py rate`: functions of the package that are called at least once in a frame after the
-first ones, the modules that they are in, all their calls, and the frame's draws and reads.
+first ones, the modules that they are in, all their calls, and the frame's draws and reads. Comprehensions, generators
+and lambdas belong to the function that they stand in: newer Pythons call no function for most of them.
 """
 
 from __future__ import annotations
@@ -40,8 +41,9 @@ def count_calls(scene: Scene) -> tuple[Counter[CodeType], Counter[str]]:
     functions, of_gl = Counter[CodeType](), Counter[str]()
 
     def note(frame: FrameType, event: str, what: Any) -> None:
-        if event == "call" and frame.f_code.co_filename.startswith(_PACKAGE):
-            functions[frame.f_code] += 1
+        code = frame.f_code
+        if event == "call" and code.co_filename.startswith(_PACKAGE) and not code.co_name.startswith("<"):
+            functions[code] += 1
         elif event == "c_call" and what.__name__ in ("render", "read_into"):
             of_gl[what.__name__] += 1
 
