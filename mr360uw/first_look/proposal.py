@@ -155,7 +155,7 @@ _SURE_HEIGHT, _GUESSED_HEIGHT = 1.1, 1.7
 """Factors that a known and a guessed height over the floor may be off by; the visibility is proportional to it."""
 _USUAL_M, _USUAL_RANGE = 20.0, 2.0
 """Visibility of clear coasts where people dive, at most that of the type; half and double of it are as common."""
-_LEAST_TEXTURE, _LEAST_OVER_NOISE = 0.015, 15.0
+_LEAST_TEXTURE, _LEAST_OVER_NOISE = 0.015, 8.0
 """Differences of the nearest floor, over its light and over those of open water, without which there is none to see."""
 _LEAST_ROWS = 5
 _TINY = 1e-9
