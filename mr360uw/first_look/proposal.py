@@ -421,7 +421,7 @@ def _water_lines(chosen: Proposal) -> list[str]:
     else:
         others = f"; {', '.join(water.others)} are nearly as likely" if water.others else ""
         told = f"type {water.type} is nearest, confidence only {water.confidence:.2f}{others}"
-    shade = f"; near blacks have less haze (shade {water.sight.shade:.2g})" if water.sight.shade else ""
+    shade = f"; dark things near by have less haze (water.shade = {water.sight.shade:.2g})" if water.sight.shade else ""
     return [
         f"water     {told}; {veil}",
         f"sight     (visibility) {water.sight.visibility_m:.2g} m, {_sight_words(water.sight)}{shade}",
@@ -524,7 +524,7 @@ def _water_rows(chosen: Proposal) -> list[tuple[str, str]]:
     ]
     if water.sight.shade > 0.0:
         rows.append(
-            (f"shade = {water.sight.shade:.2g}", "of the haze (veil) that is not before near things: their blacks")
+            (f"shade = {water.sight.shade:.2g}", "fraction of the haze (veil) that is missing before what is near")
         )
     return rows
 
