@@ -6,6 +6,7 @@ The preview also compares a grey card at the object's place with what is around 
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
