@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 from pydantic.fields import FieldInfo
@@ -195,7 +195,9 @@ def _field(table: str, key: str, field: FieldInfo, tags: tuple[str, ...], change
 
 
 def _parts(annotation: Any) -> list[Any]:
-    """Return the types that an annotation unites, those of unions inside of unions too."""
+    """Return the types that an annotation unites, those of unions inside of unions too, without what checks them."""
+    if get_origin(annotation) is Annotated:
+        return _parts(get_args(annotation)[0])
     if get_origin(annotation) in (Union, UnionType):
         return [part for inner in get_args(annotation) for part in _parts(inner)]
     return [annotation]
