@@ -23,10 +23,10 @@ from mr360uw.composite import PlacedObject, Shot
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.motion import rigid, rotation_matrix
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.shot import Receiver
-from mr360uw.render.backends import make_backend
+from mr360uw.composite.tiles import over
+from mr360uw.render.frame import make_backend
 from mr360uw.types import Environment, Sun, View
 
 HALF_M, RADIUS_M, DISTANCE_M = 0.032, 0.25, 2.0

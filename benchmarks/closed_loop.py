@@ -42,13 +42,12 @@ from benchmarks.closed.truth import Stage, TruePicture, exposure  # noqa: E402
 from mr360uw.base.cache import Cache  # noqa: E402
 from mr360uw.base.color import encode, luminance  # noqa: E402
 from mr360uw.base.constants import REFRACTIVE_INDEX_SEA  # noqa: E402
-from mr360uw.composite.over_plate import over  # noqa: E402
+from mr360uw.composite.tiles import over  # noqa: E402
 from mr360uw.ibl.lighting import assemble  # noqa: E402
 from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
 from mr360uw.ibl.plate import COARSE_COLUMNS  # noqa: E402
-from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis  # noqa: E402
-from mr360uw.render.frame import frame_shots  # noqa: E402
+from mr360uw.render.frame import frame_shots, make_backend  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.render.plate_light import plate_light  # noqa: E402
 from mr360uw.sample.dive import record  # noqa: E402

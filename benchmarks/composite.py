@@ -33,7 +33,7 @@ from mr360uw.composite import (  # noqa: E402
 from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
 from mr360uw.composite.mesh.material import Material  # noqa: E402
 from mr360uw.composite.motion import rigid, rotation_matrix  # noqa: E402
-from mr360uw.composite.over_plate import over  # noqa: E402
+from mr360uw.composite.tiles import over  # noqa: E402
 from mr360uw.types import View  # noqa: E402
 from tests.composite import scenes  # noqa: E402
 from tests.composite.scenes import changed, codes, environment, medium, placed, plate, shot, sphere  # noqa: E402

@@ -33,9 +33,8 @@ import mr360uw as uw  # noqa: E402
 from mr360uw.base.cache import Cache  # noqa: E402
 from mr360uw.base.color import encode, ycbcr_from_rgb  # noqa: E402
 from mr360uw.composite.grading.settings import MatchSettings  # noqa: E402
-from mr360uw.render.backends import Backend, make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_analysis  # noqa: E402
-from mr360uw.render.frame import Frame, composite_frame  # noqa: E402
+from mr360uw.render.frame import Backend, Frame, composite_frame, make_backend  # noqa: E402  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample.dive_settings import PRESETS, DiveSettings  # noqa: E402
 from mr360uw.scene.model import Scene, load_scene  # noqa: E402

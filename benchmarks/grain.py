@@ -23,7 +23,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from mr360uw.base.color import encode
-from mr360uw.composite.over_plate import empty_tile
+from mr360uw.composite.tiles import empty_tile
 from mr360uw.types import Floats, Layer, Rectangle
 from mr360uw.video import VideoFrame, open_video
 

@@ -47,7 +47,7 @@ from benchmarks.peers.scenes import (  # noqa: E402
 )
 from mr360uw.composite import PlacedObject, Receiver, Shot, render_layer  # noqa: E402
 from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
-from mr360uw.composite.over_plate import over  # noqa: E402
+from mr360uw.composite.tiles import over  # noqa: E402
 from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
 from mr360uw.types import Environment, Floats, Layer, View  # noqa: E402
 from tests.composite.form_factors import box_form_factor, sphere_form_factor  # noqa: E402

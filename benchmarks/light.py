@@ -21,6 +21,7 @@ import numpy as np
 
 import mr360uw.ibl as ibl
 from mr360uw.base.color import LUMINANCE, ColorSpec, decode, encode, luminance, ycbcr_from_rgb
+from mr360uw.base.progress import one_blas_thread
 from mr360uw.base.sphere import (
     direction_from_angles,
     direction_from_frame,
@@ -29,7 +30,6 @@ from mr360uw.base.sphere import (
     row_solid_angle,
     unit,
 )
-from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import Mr360uwError
 from mr360uw.ibl.filters import ggx_kernel
 from mr360uw.ibl.lookup import reduce_map

@@ -39,9 +39,12 @@ from mr360uw.medium.scattered_light import spread_of  # noqa: E402
 from mr360uw.medium.shafts.shaft_field import DEFAULT_GRID, march  # noqa: E402
 from mr360uw.medium.shafts.shaft_scene import ShaftWater  # noqa: E402
 from mr360uw.medium.shafts.single_scattering import ray_ends_m, view_directions  # noqa: E402
-from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_analysis  # noqa: E402
-from mr360uw.render.frame import draw_frame, frame_shots  # noqa: E402
+from mr360uw.render.frame import (  # noqa: E402
+    draw_frame,
+    frame_shots,
+    make_backend,
+)
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.render.plate_light import plate_light  # noqa: E402
 from mr360uw.sample import sample_dive  # noqa: E402

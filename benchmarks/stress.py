@@ -39,11 +39,10 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks.random_scenes import RandomScene, random_scene  # noqa: E402
 from mr360uw.base.color import in_plate_primaries  # noqa: E402
-from mr360uw.composite.over_plate import over  # noqa: E402
+from mr360uw.composite.tiles import over  # noqa: E402
 from mr360uw.errors import Mr360uwError, RenderError, SceneError  # noqa: E402
-from mr360uw.render.backends import Backend, make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_analysis  # noqa: E402
-from mr360uw.render.frame import Frame, composite_frame, not_finite  # noqa: E402
+from mr360uw.render.frame import Backend, Frame, composite_frame, make_backend, not_finite  # noqa: E402  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.scene.resolved import open_plate  # noqa: E402
 

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from mr360uw.base.cache import Cache, PartOf, Parts, by_content, name_of
-from mr360uw.render.backends import make_backend
 from mr360uw.render.check import StageGraph
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import composite_frame
+from mr360uw.render.frame import composite_frame, make_backend
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.types import Layer
 from mr360uw.video import VideoFrame

@@ -14,9 +14,8 @@ import pytest
 import mr360uw as uw
 from mr360uw.base.cache import Cache
 from mr360uw.errors import Mr360uwError, ParameterError, VideoError
-from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import composite_frame
+from mr360uw.render.frame import composite_frame, make_backend
 from mr360uw.render.loaded import load
 from mr360uw.render.mattes import GreyClip
 from mr360uw.scene.model import Scene, scene_from_dict

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from mr360uw.base.threads import Behind, prefetch
+from mr360uw.base.progress import Behind, prefetch
 
 
 def test_prefetch_keeps_order_and_runs_ahead_no_further_than_its_depth() -> None:

@@ -22,9 +22,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import mr360uw
 from benchmarks.pipeline import measured_scenes
 from mr360uw.base.cache import Cache
-from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import clip_analysis
-from mr360uw.render.frame import composite_frame
+from mr360uw.render.frame import composite_frame, make_backend
 from mr360uw.render.loaded import load
 from mr360uw.render.plate_light import LightSamples
 from mr360uw.scene.model import Scene

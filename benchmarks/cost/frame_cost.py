@@ -8,10 +8,9 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.check import StageGraph
 from mr360uw.render.first_pass import clip_analysis
-from mr360uw.render.frame import Frame, composite_frame
+from mr360uw.render.frame import Backend, Frame, composite_frame, make_backend
 from mr360uw.render.loaded import load
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate

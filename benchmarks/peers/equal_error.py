@@ -35,7 +35,7 @@ from benchmarks.peers.scenes import FLOOR_ALBEDO, FLOOR_Y_M, SCENES, SKIES, WIDT
 from mr360uw import ibl
 from mr360uw.composite import PlacedObject, Shot, render_layer
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.over_plate import over
+from mr360uw.composite.tiles import over
 from mr360uw.types import Floats, Layer
 
 _WINDOW = (450, 338)

@@ -22,9 +22,8 @@ from mr360uw.caustics import refract_to_water
 from mr360uw.composite import Shot
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
-from mr360uw.render.backends import Reference
 from mr360uw.render.first_pass import ClipAnalysis, background_series
-from mr360uw.render.frame import frame_shots
+from mr360uw.render.frame import Reference, frame_shots
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive

@@ -15,12 +15,11 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mr360uw.base.input_files import read_text, unreadable
-from mr360uw.base.progress import Progress
-from mr360uw.base.threads import one_blas_thread
+from mr360uw.base.progress import Progress, one_blas_thread
 from mr360uw.bench.stages import Knobs, MeasuredStage, Measurement, Workbench, measure
 from mr360uw.errors import ParameterError, package_versions
 from mr360uw.preview.pages import html_page
-from mr360uw.render.backends import make_backend
+from mr360uw.render.frame import make_backend
 
 
 def chosen_stages(only: Sequence[str]) -> list[MeasuredStage]:

@@ -21,18 +21,17 @@ from mr360uw.base.disk_cache import nothing_kept
 from mr360uw.base.sphere import unit
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air, stack_depths
 from mr360uw.caustics.settings import PlaneLadder
-from mr360uw.composite.objects import load_objects
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.shafts import grid_of
+from mr360uw.composite.shot import load_objects
+from mr360uw.composite.tiles import over
 from mr360uw.ibl import environment
 from mr360uw.medium import Medium, ShaftScene, Water, shaft_field
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.scattered_light import spread_of
 from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_field import march
-from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import clip_analysis
-from mr360uw.render.frame import Frame, composite_frame
+from mr360uw.render.frame import Backend, Frame, composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.sample import sample_dive
 from mr360uw.scene.model import Scene, load_scene

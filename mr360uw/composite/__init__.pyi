@@ -1,11 +1,10 @@
 from .mesh.mesh import Mesh, load_mesh
 from .motion import Motion, read_camera_track
-from .objects import SceneObject, load_object, load_objects
-from .over_plate import over_tile
 from .receiver.shape import load_receiver
 from .reference import render_layer
 from .settings import DrawSettings, HoldoutSettings, ObjectSettings, ReceiverSettings
-from .shot import PlacedObject, Receiver, Shot
+from .shot import PlacedObject, Receiver, SceneObject, Shot, load_object, load_objects
+from .tiles import over_tile
 
 __all__ = [
     "DrawSettings",

@@ -111,7 +111,7 @@ class AovFrame:
 
 def receiver_difference(plate_linear: Floats, layer: Layer) -> Floats:
     """Return the change (H, W, 3) of the plate by shadows, caustics, lamps and shafts, without the objects."""
-    from mr360uw.composite.over_plate import over
+    from mr360uw.composite.tiles import over
 
     bare = (replace(t, radiance=np.zeros_like(t.radiance), alpha=np.zeros_like(t.alpha)) for t in layer.tiles)
     return over(plate_linear, replace(layer, tiles=tuple(bare))) - plate_linear

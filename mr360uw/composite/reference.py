@@ -21,7 +21,6 @@ from mr360uw.base.parameters import checked
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light, free_of_bodies
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.light_sources import Blockers, LightSource, light_sources
-from mr360uw.composite.over_plate import empty_tile, hold_out
 from mr360uw.composite.raycast import (
     MAXIMUM_HITS,
     Geometry,
@@ -54,7 +53,7 @@ from mr360uw.composite.sampling import (
 )
 from mr360uw.composite.shading import surface_radiance, water_ahead
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.tiles import even_tiles, split
+from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, split
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 _RAYS_AT_ONCE = 200_000

@@ -31,11 +31,10 @@ from mr360uw.base.cache import Cache, PartOf, Parts, by_content
 from mr360uw.base.color import encode
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.light_sources import casting_bodies, spread_rad, sun_of, sun_up
-from mr360uw.composite.over_plate import tile_of
 from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shading import veil_ahead
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
+from mr360uw.composite.tiles import even_tiles, rectangles_of_mask, tile_of
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.settings import LEAST_NODES, ShaftSettings
 from mr360uw.medium.shafts.shaft_field import FroxelGrid, shaft_field

@@ -37,12 +37,12 @@ from mr360uw.base.texels import smoothstep
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.light_sources import LampSource, SunSource, casting_bodies, lamps_of, sun_of
-from mr360uw.composite.over_plate import empty_tile
 from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.settings import NEAREST_M, SnowPhase, SnowSettings
 from mr360uw.composite.shading import water_ahead
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.snow_particles import LEAST_COVER, orbits_of, particles_near, seen_up_to, size_classes
+from mr360uw.composite.tiles import empty_tile
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import exact
 from mr360uw.medium.lookup import ambient_ratio, linear, transmittance_lookup

@@ -37,7 +37,6 @@ from mr360uw.base.texels import smoothstep
 from mr360uw.caustics.sea import SeaParameters
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light
 from mr360uw.composite.light_sources import Blockers, LightSource, light_sources
-from mr360uw.composite.over_plate import empty_tile, hold_out
 from mr360uw.composite.raycast import Geometry, Hits, gather
 from mr360uw.composite.sampling import pattern
 from mr360uw.composite.settings import SurfaceSettings
@@ -59,7 +58,7 @@ from mr360uw.composite.surface_rays import (
     see_surface,
     surfaces_met,
 )
-from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
+from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, rectangles_of_mask
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.surface.ray_kernel import OFF_M
 from mr360uw.surface.sampled_sea import SampledSea

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from mr360uw.base.files import WrittenFiles, check_folder, files_named
 from mr360uw.base.input_files import content_of
 from mr360uw.base.parameters import checked
-from mr360uw.base.progress import Progress, Steps
-from mr360uw.base.threads import one_blas_thread
+from mr360uw.base.progress import Progress, Steps, one_blas_thread
 from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import Motion
 from mr360uw.depth.depth_files import depth_file, own_maps, write_depth

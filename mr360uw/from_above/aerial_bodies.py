@@ -36,14 +36,13 @@ from mr360uw.base.optics import (
 from mr360uw.base.rays import RayScene
 from mr360uw.base.sphere import directions, disc_directions
 from mr360uw.caustics import CausticSettings, caustic_stack
-from mr360uw.composite.objects import SceneObject
-from mr360uw.composite.over_plate import empty_tile
 from mr360uw.composite.raycast import gather
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.settings import SurfaceSettings
-from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.shot import PlacedObject, SceneObject, Shot
 from mr360uw.composite.surface_layer import cut_at_surface
 from mr360uw.composite.surface_rays import WaterSides, balls_around
+from mr360uw.composite.tiles import empty_tile
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.medium.scattered_light import spread_of

@@ -21,9 +21,8 @@ from mr360uw.base.input_files import FRAMES, files_read
 from mr360uw.base.parameters import checked
 from mr360uw.base.progress import Progress
 from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle, yaw_matrix
-from mr360uw.composite.objects import load_objects, on_the_floor, on_the_sea
-from mr360uw.composite.over_plate import over
-from mr360uw.composite.shot import Receiver
+from mr360uw.composite.shot import Receiver, load_objects, on_the_floor, on_the_sea
+from mr360uw.composite.tiles import over
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.from_above.aerial_bodies import (
     AerialBodies,

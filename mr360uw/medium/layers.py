@@ -23,7 +23,7 @@ from pydantic import PositiveInt
 from mr360uw.base.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.base.optics import fresnel_from_below
 from mr360uw.base.parameters import checked, exactly, numbers
-from mr360uw.base.threads import one_blas_thread
+from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import Phase

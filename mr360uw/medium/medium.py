@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from mr360uw.base.constants import BRIGHTEST_LOG, REFRACTIVE_INDEX_SEA
 from mr360uw.base.parameters import checked, common_shape, exactly, instance, number
-from mr360uw.base.threads import one_blas_thread
+from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import CONTRAST_LENGTHS, check_ray, ray_in_water, visibility_m
 from mr360uw.medium.lookup import BandModel, fitted_formation, lengths, medium_table

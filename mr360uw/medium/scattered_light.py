@@ -23,8 +23,8 @@ import numpy as np
 from mr360uw.base.cache import shared
 from mr360uw.base.constants import PI
 from mr360uw.base.disk_cache import kept_arrays
+from mr360uw.base.progress import one_blas_thread
 from mr360uw.base.sphere import directions, gauss_legendre, row_solid_angle
-from mr360uw.base.threads import one_blas_thread
 from mr360uw.medium.lookup import NORMALS, depth_nodes, diffuse_table, normal_nodes
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import FieldModel, SpectralModel

@@ -21,14 +21,12 @@ from mr360uw.base.cache import Cache, Same
 from mr360uw.base.color import encode
 from mr360uw.base.input_files import Stamp, stamp
 from mr360uw.base.parameters import Parameters
-from mr360uw.base.progress import Progress
+from mr360uw.base.progress import Progress, one_blas_thread
 from mr360uw.base.sphere import frame_from_direction, yaw_matrix
-from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
-from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.first_pass import Background, ClipAnalysis, clip_analysis, waves_of
-from mr360uw.render.frame import Frame, composite_frame
+from mr360uw.render.frame import Frame, close_backend, composite_frame, make_backend
 from mr360uw.render.loaded import Loaded, Loader
 from mr360uw.render.match_stage import grade_in_frame, patch_frames
 from mr360uw.scene.model import Scene, at_scale

@@ -21,9 +21,8 @@ from mr360uw.composite import load_object
 from mr360uw.errors import DamagedFrameError, Mr360uwError, SceneError, VideoError
 from mr360uw.ibl import SunTrack
 from mr360uw.ibl.sun.detect import tracked_in_words
-from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
-from mr360uw.render.frame import composite_frame
+from mr360uw.render.frame import Backend, composite_frame, make_backend
 from mr360uw.render.lights import EnvironmentReader
 from mr360uw.render.loaded import Loaded, load, load_plate_depth
 from mr360uw.render.match_stage import clip_colour, clip_grade

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, Parts
 from mr360uw.base.color import LUMINANCE, luminance
-from mr360uw.base.progress import Progress
-from mr360uw.base.threads import one_blas_thread, prefetch
+from mr360uw.base.progress import Progress, one_blas_thread, prefetch
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.grading.settings import PlateGrade

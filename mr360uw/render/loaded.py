@@ -21,8 +21,7 @@ from mr360uw.base.cache import Cache
 from mr360uw.base.constants import PI
 from mr360uw.base.input_files import files_read
 from mr360uw.composite import PlacedObject, SceneObject, load_objects
-from mr360uw.composite.objects import SceneLamp, load_lamps, on_the_floor, on_the_sea
-from mr360uw.composite.shot import Receiver
+from mr360uw.composite.shot import Receiver, SceneLamp, load_lamps, on_the_floor, on_the_sea
 from mr360uw.errors import ParameterError, SceneError
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.plan import CausticDepths, ObjectFacts, Plan, joined_plan, make_plan

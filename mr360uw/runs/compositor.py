@@ -16,12 +16,20 @@ from pydantic import NonNegativeFloat, NonNegativeInt
 from mr360uw.base.cache import Cache
 from mr360uw.base.constants import MOST_LIGHT
 from mr360uw.base.parameters import checked, file_path, is_light, real
-from mr360uw.base.progress import Progress
-from mr360uw.base.threads import one_blas_thread, prefetch
+from mr360uw.base.progress import Progress, one_blas_thread, prefetch
 from mr360uw.errors import ParameterError
-from mr360uw.render.backends import Backend, close_backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
-from mr360uw.render.frame import Frame, FrameShots, blend_frame, composite_frame, draw_frame, frame_shots
+from mr360uw.render.frame import (
+    Backend,
+    Frame,
+    FrameShots,
+    blend_frame,
+    close_backend,
+    composite_frame,
+    draw_frame,
+    frame_shots,
+    make_backend,
+)
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import LightSamples
 from mr360uw.scene.model import Scene

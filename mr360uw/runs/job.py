@@ -23,13 +23,12 @@ from typing import Any, Literal
 from mr360uw import __version__
 from mr360uw.base.cache import Cache
 from mr360uw.base.files import WrittenFiles, numbered
-from mr360uw.base.threads import Behind, one_blas_thread, prefetch, share_of_cores
+from mr360uw.base.progress import Behind, one_blas_thread, prefetch, share_of_cores
 from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError, ParameterError, VideoError, install_command, optional
-from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import Drawn, Frame, FrameShots, blend_frame, draw_frame
+from mr360uw.render.frame import Backend, Drawn, Frame, FrameShots, blend_frame, draw_frame, make_backend
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.runs.compositor import shots_of_clip
 from mr360uw.runs.work_folder import Part, SegmentSink, WorkFolder

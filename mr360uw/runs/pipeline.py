@@ -18,9 +18,9 @@ from mr360uw.base.parameters import checked
 from mr360uw.base.progress import Progress, begin_phase
 from mr360uw.caustics import export_tiles, refract_to_air
 from mr360uw.errors import SceneError, package_versions
-from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
+from mr360uw.render.frame import close_backend, make_backend
 from mr360uw.render.loaded import Loaded, Loader, load_plate_depth
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.runs.job import Job, OpenJob, RunTimes, make_crew

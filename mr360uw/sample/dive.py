@@ -16,8 +16,7 @@ from mr360uw.base.color import Transfer, encode, luminance, ycbcr_from_rgb
 from mr360uw.base.files import check_folder, check_outputs, made_folder, whole_file, write_whole
 from mr360uw.base.input_files import FRAMES, PICTURE
 from mr360uw.base.parameters import checked, file_path, instance
-from mr360uw.base.progress import Progress
-from mr360uw.base.threads import one_blas_thread, prefetch
+from mr360uw.base.progress import Progress, one_blas_thread, prefetch
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water
 from mr360uw.sample.dive_settings import DiveSettings

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mr360uw.base.files import check_outputs, write_whole
 from mr360uw.base.input_files import json_of, read_text
 from mr360uw.base.parameters import checked
-from mr360uw.base.threads import one_blas_thread
+from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.track.camera_track import CameraTrack, fit_floor
 from mr360uw.types import Floats

@@ -29,9 +29,9 @@ from starlette.requests import HTTPConnection
 from starlette.websockets import WebSocketClose
 
 from mr360uw.base.files import write_whole
-from mr360uw.base.threads import one_blas_thread
+from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
-from mr360uw.render.backends import check_backend
+from mr360uw.render.frame import check_backend
 from mr360uw.scene.resolved import open_plate
 from mr360uw.tune.controls import TOLD
 from mr360uw.tune.document import Document

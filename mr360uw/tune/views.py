@@ -22,8 +22,7 @@ from mr360uw.ibl.lighting import turned
 from mr360uw.medium.scattered_light import spread_of
 from mr360uw.preview.live import narrowed
 from mr360uw.preview.pages import marked
-from mr360uw.render.backends import Backend
-from mr360uw.render.frame import Frame
+from mr360uw.render.frame import Backend, Frame
 from mr360uw.render.loaded import Loaded
 from mr360uw.tune.placing import Point, pixel_of_point
 from mr360uw.tune.situation import markers

@@ -25,8 +25,8 @@ from mr360uw.video.clip import Clip
 from mr360uw.video.spherical import Stereo
 
 if TYPE_CHECKING:
-    from mr360uw.video.grain import Grain
     from mr360uw.video.picture_tags import PictureTags
+    from mr360uw.video.planes import Grain
 
 Check = Callable[[Tile], object]
 """Raises an error where a number of a tile is not finite."""
@@ -173,7 +173,7 @@ class VideoFrame:
     @cached_property
     def grain(self) -> Grain:
         """The grain of the picture."""
-        from mr360uw.video.grain import grain_of_planes, grain_of_rgb
+        from mr360uw.video.planes import grain_of_planes, grain_of_rgb
 
         if self.yuv is not None:
             return grain_of_planes(self.yuv, self.wrap)
@@ -209,8 +209,7 @@ class VideoFrame:
         return write(layer, grain, check)
 
     def _over_planes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
-        from mr360uw.video.grain import NO_GRAIN
-        from mr360uw.video.planes import lay_over_planes, native_frame, plane_views
+        from mr360uw.video.planes import NO_GRAIN, lay_over_planes, native_frame, plane_views
 
         assert self.yuv is not None
         native = native_frame(self.yuv, self.native.format.name if self.native is not None else None)
@@ -239,8 +238,7 @@ class VideoFrame:
         return replace(self, yuv=planes, native=native, clipped=tuple(clipped), plate=self.graded_by(None), grade=None)
 
     def _over_codes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
-        from mr360uw.video.grain import add_grain
-        from mr360uw.video.planes import lay_over_codes
+        from mr360uw.video.planes import add_grain, lay_over_codes
 
         assert self.rgb is not None
         codes = self.rgb.copy()

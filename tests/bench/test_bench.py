@@ -42,7 +42,7 @@ from mr360uw.bench.stages import (
     timed,
 )
 from mr360uw.errors import ParameterError
-from mr360uw.render.backends import Reference
+from mr360uw.render.frame import Reference
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import Scene
 

@@ -13,9 +13,8 @@ import pytest
 
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.motion import looped, rigid
-from mr360uw.composite.objects import SceneObject, load_object, load_objects
 from mr360uw.composite.settings import ObjectSettings
-from mr360uw.composite.shot import PlacedObject
+from mr360uw.composite.shot import PlacedObject, SceneObject, load_object, load_objects
 from mr360uw.errors import MeshError
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile, one_square, swimming, tube, turned

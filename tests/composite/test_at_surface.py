@@ -17,12 +17,12 @@ from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.composite import surface_layer
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.motion import floating, plane_of_waves
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.settings import SurfaceSettings
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.surface_layer import cut_at_surface, with_bodies
 from mr360uw.composite.surface_rays import WaterSides, in_air
+from mr360uw.composite.tiles import over
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.types import Layer, MediumTable

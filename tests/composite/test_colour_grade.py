@@ -14,7 +14,7 @@ from mr360uw.base.color import ColorSpec, decode, decode_signal, encode, in_plat
 from mr360uw.composite.grading.colour_grade import MOST_LIGHT, NO_GRADE, ColourGrade, graded_spec
 from mr360uw.composite.grading.patch_solve import ORDER, Patch, solve_patches
 from mr360uw.composite.grading.settings import COLOUR, LEAST_STEP, MatchSettings, PatchSettings
-from mr360uw.composite.over_plate import empty_tile
+from mr360uw.composite.tiles import empty_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Floats, Layer, Rectangle, YuvImage
 from mr360uw.video import VideoFrame

@@ -15,9 +15,9 @@ from mr360uw.composite.ambient import form_factors
 from mr360uw.composite.ambient.form_factors import Body
 from mr360uw.composite.light_sources import casting_bodies
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
+from mr360uw.composite.tiles import over
 from mr360uw.medium.shafts import occluders
 from mr360uw.medium.shafts.occluders import HALO_TAPS, Bodies, visible_parts
 from mr360uw.medium.shafts.single_scattering import BeamPattern

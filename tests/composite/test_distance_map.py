@@ -10,10 +10,10 @@ import pytest
 
 from mr360uw.base.sphere import directions, unit
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.receiver.shape import ReceiverShape, touching_planes, without_steps
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver
+from mr360uw.composite.tiles import over
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import codes, placed, plate, shot, sphere

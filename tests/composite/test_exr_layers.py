@@ -11,9 +11,9 @@ import OpenEXR
 import pytest
 
 from mr360uw.composite.aovs import RECIPE, exr_parts
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.shot import Receiver
+from mr360uw.composite.tiles import over
 from mr360uw.types import Floats
 from mr360uw.video import write_exr
 from tests.composite import tolerances as tol

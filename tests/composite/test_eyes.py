@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from mr360uw.base.cache import Cache
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver, Shot
-from mr360uw.composite.tiles import nearest_m, rectangles_of_bodies, seen_rectangle
+from mr360uw.composite.tiles import nearest_m, over, rectangles_of_bodies, seen_rectangle
 from mr360uw.types import Layer, View, ray_starts, seen_direction
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, changed, codes, placed, plate, quad, shot, sphere

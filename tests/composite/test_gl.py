@@ -6,9 +6,9 @@ import pytest
 
 from mr360uw.composite.aovs import SUMS
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.settings import DrawSettings
+from mr360uw.composite.tiles import over
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, changed, codes, eight_shots, placed, plate, quad, shot, sphere
 

@@ -15,8 +15,8 @@ import pytest
 
 from mr360uw.composite import load_mesh
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.objects import load_object
 from mr360uw.composite.settings import ObjectSettings
+from mr360uw.composite.shot import load_object
 from mr360uw.errors import MeshError
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile, one_square

@@ -11,7 +11,7 @@ import pytest
 
 from mr360uw.composite.grading.settings import MatchSettings, PlateGrade
 from mr360uw.composite.grading.softness import matched_layer, point_spread
-from mr360uw.composite.over_plate import empty_tile, over
+from mr360uw.composite.tiles import empty_tile, over
 from mr360uw.types import Floats, Layer, Rectangle
 from tests.composite import tolerances as tol
 

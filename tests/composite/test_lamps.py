@@ -17,10 +17,9 @@ from mr360uw.base.sphere import directions, unit
 from mr360uw.composite import render_layer
 from mr360uw.composite.light_sources import Blockers, light_sources
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.objects import black_body, lamp_attenuation, lamp_color, load_lamps
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.settings import LampSettings
-from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.shot import Receiver, Shot, black_body, lamp_attenuation, lamp_color, load_lamps
+from mr360uw.composite.tiles import over
 from mr360uw.errors import SceneError
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import linear, table_coordinate

@@ -15,8 +15,8 @@ from mr360uw.composite import load_mesh, load_objects
 from mr360uw.composite import motion as rig_module
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import make_mesh
-from mr360uw.composite.objects import load_object
 from mr360uw.composite.settings import ObjectSettings
+from mr360uw.composite.shot import load_object
 from mr360uw.errors import MeshError
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile

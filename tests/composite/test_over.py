@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.base.color import ColorSpec, in_plate_primaries, in_rec709
-from mr360uw.composite.over_plate import empty_tile, hold_out, mean_layer, over, over_tile
+from mr360uw.composite.tiles import empty_tile, hold_out, mean_layer, over, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Layer, Rectangle, Tile
 from tests.composite import tolerances as tol

@@ -12,10 +12,10 @@ import pytest
 
 from mr360uw.composite import render_layer
 from mr360uw.composite.light_sources import light_sources
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.tiles import over
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.render.first_pass import BackgroundSeries, stands
 from mr360uw.types import Floats, Rectangle

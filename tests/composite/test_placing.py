@@ -14,8 +14,8 @@ from mr360uw.composite import Receiver, SceneObject
 from mr360uw.composite.mesh.material import Part
 from mr360uw.composite.mesh.mesh import make_mesh
 from mr360uw.composite.motion import object_motion, rotation_matrix, yaw_pitch_roll_deg
-from mr360uw.composite.objects import on_the_floor, receiver_height
 from mr360uw.composite.settings import ObjectSettings
+from mr360uw.composite.shot import on_the_floor, receiver_height
 from mr360uw.errors import MeshError
 from mr360uw.scene.resolved import scene_at
 from mr360uw.types import Floats

@@ -19,7 +19,6 @@ from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.light_sources import Blockers, light_sources
 from mr360uw.composite.mesh.material import Material, make_texture
 from mr360uw.composite.motion import rotation_matrix
-from mr360uw.composite.over_plate import over, tile_of
 from mr360uw.composite.raycast import pixel_footprint
 from mr360uw.composite.receiver.blocks import Ground, prepare
 from mr360uw.composite.receiver.pattern import PlatePattern
@@ -28,6 +27,7 @@ from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.sampling import WHOLE_PIXEL
 from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.tiles import over, tile_of
 from mr360uw.types import Environment, Floats, Layer, Rectangle, YuvImage
 from mr360uw.video import VideoFrame
 from tests.composite import tolerances as tol

@@ -13,9 +13,9 @@ from mr360uw.base.sphere import directions, disc_directions, row_solid_angle, un
 from mr360uw.composite.aovs import exr_parts, receiver_difference
 from mr360uw.composite.light_sources import light_sources
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.tiles import over
 from mr360uw.types import View
 from tests.composite import tolerances as tol
 from tests.composite.scenes import SUN, box, changed, codes, environment, medium, placed, plate, quad, shot, sphere

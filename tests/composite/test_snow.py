@@ -13,7 +13,6 @@ from mr360uw.base.cache import Cache
 from mr360uw.base.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.spectral import SpectralSea
-from mr360uw.composite.over_plate import empty_tile, over
 from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.shot import Receiver, Shot
@@ -30,6 +29,7 @@ from mr360uw.composite.snow import (
     with_particles,
 )
 from mr360uw.composite.snow_particles import SizeClass, number_between, orbits_of, particles_near, size_classes
+from mr360uw.composite.tiles import empty_tile, over
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.types import Floats, Lamp, Layer, Rectangle, Sun, View
 from tests.composite import scenes

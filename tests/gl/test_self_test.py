@@ -16,7 +16,7 @@ from mr360uw.composite.gl import self_test
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import GlError
-from mr360uw.render.backends import make_backend
+from mr360uw.render.frame import make_backend
 from mr360uw.types import Layer
 
 pytestmark = pytest.mark.usefixtures("gl")

@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.shot import Shot
+from mr360uw.composite.tiles import over
 from mr360uw.types import Layer
 from tests.composite.scenes import codes, eight_shots, plate
 

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from mr360uw.base.color import decode, encode, rgb_from_ycbcr
 from mr360uw.base.optics import refract_to_water
 from mr360uw.base.sphere import directions, row_solid_angle
-from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import first_pass
-from mr360uw.render.frame import composite_frame
+from mr360uw.render.frame import composite_frame, make_backend
 from mr360uw.render.loaded import load
 from mr360uw.sample.dive import dive_scene, record
 from mr360uw.sample.dive_settings import DiveSettings

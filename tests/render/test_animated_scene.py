@@ -17,11 +17,10 @@ import mr360uw as uw
 from mr360uw.cli import app
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.motion import load_rig
-from mr360uw.composite.objects import load_object
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.settings import ObjectSettings
-from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.shot import Receiver, Shot, load_object
+from mr360uw.composite.tiles import over
 from mr360uw.render.loaded import load
 from mr360uw.types import Layer
 from tests.composite import tolerances as tol

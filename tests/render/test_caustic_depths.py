@@ -11,9 +11,8 @@ import pytest
 
 from mr360uw.caustics import caustic_stack, refract_to_air
 from mr360uw.composite import Shot, load_object, load_receiver
-from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import composite_frame
+from mr360uw.render.frame import composite_frame, make_backend
 from mr360uw.render.loaded import load
 from mr360uw.render.plan import CausticDepths
 from mr360uw.render.surroundings import CameraPath

@@ -12,9 +12,8 @@ import pytest
 
 from mr360uw.base.color import encode
 from mr360uw.errors import SceneError
-from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import Frame, composite_frame
+from mr360uw.render.frame import Backend, Frame, composite_frame, make_backend
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import joined_plan
 from mr360uw.runs.pipeline import export_caustics

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import composite_frame
+from mr360uw.render.frame import composite_frame, make_backend
 from mr360uw.render.loaded import Loaded, Loader, load
 from mr360uw.video import VideoFrame
 from tests.scenes import gradient_plate, scene_with

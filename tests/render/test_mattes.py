@@ -17,9 +17,8 @@ from mr360uw import composite_video
 from mr360uw.base.sphere import directions
 from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
 from mr360uw.errors import VideoError
-from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import composite_frame
+from mr360uw.render.frame import composite_frame, make_backend
 from mr360uw.render.loaded import load
 from mr360uw.render.mattes import GreyClip, Mattes, ReceiverClip
 from mr360uw.scene.model import Scene

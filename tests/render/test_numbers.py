@@ -13,7 +13,7 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.base.color import ColorSpec, Transfer, in_plate_primaries
-from mr360uw.composite.over_plate import empty_tile, over
+from mr360uw.composite.tiles import empty_tile, over
 from mr360uw.errors import RenderError
 from mr360uw.medium import Medium, Water, fit_gain
 from mr360uw.medium.lookup import veil_lookup

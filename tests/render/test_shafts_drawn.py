@@ -16,9 +16,9 @@ import mr360uw as uw
 from mr360uw.base.cache import Cache
 from mr360uw.base.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.base.sphere import directions, unit
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.shafts import ShaftInput, code_change, grid_of, shaft_pixels, with_shafts
 from mr360uw.composite.shot import Shot
+from mr360uw.composite.tiles import over
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.settings import ShaftSettings
@@ -121,7 +121,7 @@ def test_light_before_an_object_ends_at_it(rng: np.random.Generator) -> None:
 
 
 def drawn_wall(distance_m: float, radiance: float = 0.5) -> Layer:
-    from mr360uw.composite.over_plate import empty_tile
+    from mr360uw.composite.tiles import empty_tile
     from mr360uw.types import Rectangle
 
     tile = empty_tile(Rectangle(8, 10, 16, 10))
@@ -311,9 +311,8 @@ def test_scenes_that_skip_them_import_nothing_of_them() -> None:
 
 def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, wedge: Path) -> None:
     """Frame 7 with a cache of frame 3, and without."""
-    from mr360uw.render.backends import Reference
     from mr360uw.render.first_pass import ClipAnalysis
-    from mr360uw.render.frame import composite_frame
+    from mr360uw.render.frame import Reference, composite_frame
     from mr360uw.video import VideoFrame
 
     given = {"sun": "given", "sun_azimuth_deg": 20.0, "sun_elevation_deg": 70.0}

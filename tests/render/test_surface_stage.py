@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import Frame, composite_frame
+from mr360uw.render.frame import Backend, Frame, composite_frame, make_backend
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.video import VideoFrame
 from tests.scenes import BACKENDS, gradient_plate, scene_with

@@ -13,8 +13,8 @@ import pytest
 import mr360uw as uw
 from mr360uw.base.files import work_path
 from mr360uw.errors import DamagedFrameError, GlError, OutputError, VideoError
-from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
+from mr360uw.render.frame import Backend, make_backend
 from mr360uw.runs import outputs
 from mr360uw.runs.job import Job, OpenJob
 from mr360uw.runs.outputs import forecast_line

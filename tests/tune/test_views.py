@@ -16,9 +16,8 @@ from mr360uw.depth.occlusion import PlateDepth
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.scattered_light import spread_of
-from mr360uw.render.backends import Reference
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import composite_frame
+from mr360uw.render.frame import Reference, composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.tune.placing import Point, pixel_of_point, shown_at
 from mr360uw.tune.situation import markers, receiver_edge

@@ -12,7 +12,7 @@ import pytest
 
 from mr360uw.base.color import ColorSpec, code_range, decode
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
-from mr360uw.video.grain import NO_GRAIN, add_grain, grain_of_planes, grain_of_rgb, white_noise
+from mr360uw.video.planes import NO_GRAIN, add_grain, grain_of_planes, grain_of_rgb, white_noise
 from mr360uw.video.reader import VideoFrame
 from tests.video import tolerances as tol
 

@@ -10,7 +10,7 @@ import pytest
 from av.video.reformatter import Interpolation
 
 from mr360uw.base.color import ColorSpec, code_range, decode, encode, rgb_from_ycbcr
-from mr360uw.composite.over_plate import empty_tile
+from mr360uw.composite.tiles import empty_tile
 from mr360uw.types import Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.planes import noise, planes_from_linear
 from mr360uw.video.reader import VideoFrame

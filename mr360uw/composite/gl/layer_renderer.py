@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, PartOf, Same
-from mr360uw.base.threads import one_blas_thread
+from mr360uw.base.progress import one_blas_thread
 from mr360uw.base.tile_blend import BLOCK, BlockGround
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.gl.device import ShadingInputs, ShadingTextures, Targets, list_texture
 from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of
 from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.light_sources import scattered_share, sun_of, widest_half_angle
-from mr360uw.composite.over_plate import empty_tile, hold_out
 from mr360uw.composite.raycast import object_rectangles
 from mr360uw.composite.receiver.blocks import (
     SMOOTH,
@@ -49,7 +48,7 @@ from mr360uw.composite.receiver.ratio import (
 )
 from mr360uw.composite.sampling import NO_GAPS, WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.tiles import even_tiles, places_in_mask
+from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, places_in_mask
 from mr360uw.gl import gl_context
 from mr360uw.types import Floats, Layer
 

@@ -20,10 +20,10 @@ from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.mesh.material import Material, Part, make_texture
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.motion import rigid, rotation_matrix
-from mr360uw.composite.over_plate import over
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
+from mr360uw.composite.tiles import over
 from mr360uw.errors import GlError
 from mr360uw.gl import gl_context, gl_device
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun, View

@@ -35,8 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.grading.settings import PlateGrade, gaussian
-from mr360uw.composite.over_plate import over_tile, tile_of
-from mr360uw.composite.tiles import even_tiles
+from mr360uw.composite.tiles import even_tiles, over_tile, tile_of
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 Plate = Callable[[Rectangle], Floats]

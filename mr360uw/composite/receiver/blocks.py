@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.base.cache import Cache, Neutral, PartOf, Same
+from mr360uw.base.progress import one_blas_thread
 from mr360uw.base.sphere import basis
-from mr360uw.base.threads import one_blas_thread
 from mr360uw.base.tile_blend import BLOCK, CORNER_CHANNELS, PixelImages
 from mr360uw.composite.ambient.blocked_light import UNNOTICED
 from mr360uw.composite.ambient.ground_light import GroundField, ground_field
