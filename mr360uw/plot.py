@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.base.color import encode
 from mr360uw.errors import ParameterError, install_command, optional
 
+__all__ = ["Figure", "Shown", "show"]
+
 _WIDTH, _HEIGHT, _MARGIN = 360, 180, 54
 """Pixels of a plot in a notebook, and of the margin for the figures of an axis."""
 _MOST_ACROSS = 512

@@ -163,8 +163,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "base" / "color.py": {"colour", "warnings"},
         ROOT / "base" / "parameters.py": {"builtins", "fractions", "inspect", "operator", "re"},
         ROOT / "base" / "rays.py": {"embreex", "trimesh"},
-        ROOT / "base" / "progress.py": {"contextlib", "rich", "signal", "sys"},
-        ROOT / "base" / "threads.py": {"concurrent", "contextlib", "os", "sys", "threadpoolctl"},
+        ROOT / "base" / "progress.py": {"concurrent", "contextlib", "os", "rich", "signal", "sys", "threadpoolctl"},
         ROOT / "plot.py": {"base64", "cv2", "html"},
         ROOT / "base" / "files.py": {
             "contextlib",

@@ -497,7 +497,7 @@ class LayeredField:
         incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes[0].at(0.0)[0]) + first.level_beam
         sky = first.sky_radiance
         for layer, top, beam, of_layer in zip(self._layers, self.top_m, beams, modes, strict=True):
-            layer.take(of_layer, beam, sky, incident, top)
+            layer._take(of_layer, beam, sky, incident, top)
 
     def _in_layers(self, y: Array, light: Callable[[LightField, NDArray[np.bool_]], Array]) -> Array:
         """Return light (..., n) at depths (...). light: gives that of a layer at those of the depths that are in it."""

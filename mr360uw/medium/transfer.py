@@ -180,9 +180,9 @@ class LightField:
         incident = np.ones(len(beam))
         if not self._shining:
             incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes.at(0.0)[0]) + sun_share
-        self.take(modes, beam, of_sky / passed, incident)
+        self._take(modes, beam, of_sky / passed, incident)
 
-    def take(self, modes: Modes, beam: Array, sky: Array | float, incident: Array, top_m: float = 0.0) -> None:
+    def _take(self, modes: Modes, beam: Array, sky: Array | float, incident: Array, top_m: float = 0.0) -> None:
         """Make modes, the irradiance (n,) across the sun's beam at a depth, and the radiance (n,) of the sky as
         `RayField` has it, the light that is the same at all azimuths, all over an irradiance (n,).
         """

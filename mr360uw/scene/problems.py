@@ -146,12 +146,17 @@ def _alternatives(annotation: Any) -> list[str]:
     return [_WORDS.get(annotation, "a table")]
 
 
+def _unchecked(annotation: Any) -> Any:
+    """Return a type without what checks its values."""
+    return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+
+
 def _element(annotation: Any, depth: int) -> Any:
     """Return the type of the elements `depth` lists deep in a value."""
     for _ in range(depth):
-        origin, parts = get_origin(annotation), get_args(annotation)
-        members = [p for p in parts if get_origin(p) is tuple] if origin in (Union, UnionType) else [annotation]
-        annotation = get_args(members[0])[0]
+        union = get_origin(annotation) in (Union, UnionType)
+        members = [_unchecked(part) for part in (get_args(annotation) if union else [annotation])]
+        annotation = next(get_args(member)[0] for member in members if get_origin(member) is tuple)
     return annotation
 
 
