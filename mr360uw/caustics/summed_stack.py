@@ -104,8 +104,7 @@ def summed_stack(
         for plane, depth_m in enumerate(depths_m.tolist()):
             spectrum = light.draw(depth_m, maps[number, plane])
             if soft is not None and turned is not None and number == middle:
-                blurs = gaussians(turned, depth_m, sun_in_water, sea.tile_m / size)
-                spectrum *= soft_transform(blurs, size, sea.tile_m).astype(np.float32)
+                spectrum *= _soft_factor(turned, tuple(sun_in_water.tolist()), depth_m, size, sea.tile_m)
                 _inverse(spectrum, soft[plane, ..., 0])
     ratio = np.moveaxis(maps, 0, -1)
     return CausticStack(np.broadcast_to(ratio, (*ratio.shape[:3], 3)), depths_m, sea.tile_m, sun_in_water, soft)
@@ -148,12 +147,8 @@ class _Cells:
         from scipy.fft import rfft2
 
         size, tile_m, half_angle = len(out), self.sea.tile_m, self.settings.sun_half_angle_rad
-        # Find the least standard deviation of the blurs [pixel]; a disc of radius r has r/2 along each axis
-        detail = detail_footprint(self.sun, self.refractive_index, self.blur_slope, depth_m)
-        disc = footprint(self.sun, self.refractive_index, half_angle, depth_m)
-        blur_m = math.hypot(float(np.linalg.norm(detail, -2)), 0.5 * float(np.linalg.norm(disc, -2)))
-        blur = blur_m * size / tile_m
-        # Sum the cells' light from points, or by coverage where points would show or be too many
+        towards = tuple(self.sun.tolist())
+        blur, factor = _blur_of(towards, self.refractive_index, self.blur_slope, half_angle, depth_m, size, tile_m)
         spacing = _SPACING_SHARP if blur < _SHARP else max(_SPACING, _SPACING_OF_BLUR * blur)
         edge_m2 = self.edge[0] + depth_m * (self.edge[1] + depth_m * self.edge[2])
         spectrum: NDArray[np.complex64]
@@ -163,9 +158,7 @@ class _Cells:
             return spectrum
         sum_cells(self.corners, self.flux, depth_m, tile_m, float(size * size), spacing, out)
         spectrum = rfft2(out)
-        spectrum *= _both_blurs(
-            steps_of(detail, GAUSSIAN_STEP, size, tile_m), steps_of(disc, KERNEL_STEP, size, tile_m), size
-        )
+        spectrum *= factor
         _inverse(spectrum, out)
         return spectrum
 
@@ -183,9 +176,34 @@ def _inverse(spectrum: NDArray[np.complex64], out: Floats32) -> None:
 
 
 @shared(keep=64)
+def _blur_of(
+    sun_in_air: tuple[float, ...], refractive_index: float, slope: float, half_angle_rad: float, depth_m: float,
+    size: int, tile_m: float,
+) -> tuple[float, NDArray[np.complex64]]:  # fmt: skip
+    """Return the least standard deviation [pixel] of a plane's blurs, and their factor on the spectrum of its map."""
+    sun = np.array(sun_in_air)
+    detail = detail_footprint(sun, refractive_index, slope, depth_m)
+    disc = footprint(sun, refractive_index, half_angle_rad, depth_m)
+    # A disc of radius r has the standard deviation r/2 along each axis
+    blur_m = math.hypot(float(np.linalg.norm(detail, -2)), 0.5 * float(np.linalg.norm(disc, -2)))
+    return blur_m * size / tile_m, _both_blurs(
+        steps_of(detail, GAUSSIAN_STEP, size, tile_m), steps_of(disc, KERNEL_STEP, size, tile_m), size
+    )
+
+
+@shared(keep=64)
 def _both_blurs(of_waves: tuple[float, ...], of_sun: tuple[float, ...], size: int) -> NDArray[np.complex64]:
     """Return the factor (size, size/2 + 1) of both blurs, of matrices in the steps of `sun_disc`."""
     return np.asarray(transform_of_steps(of_waves, size) * disc_transform(of_sun, size), np.complex64)
+
+
+@shared(keep=64)
+def _soft_factor(
+    spread: BeamSpread, sun_in_water: tuple[float, ...], depth_m: float, size: int, tile_m: float
+) -> Floats32:
+    """Return the factor (size, size/2 + 1) on the spectrum of a plane's map that makes its light that has turned."""
+    blurs = gaussians(spread, depth_m, np.array(sun_in_water), tile_m / size)
+    return soft_transform(blurs, size, tile_m).astype(np.float32)
 
 
 @exact
