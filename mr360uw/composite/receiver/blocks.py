@@ -142,12 +142,8 @@ class Ground:
                 self.corner_normal[corners] = normal[corners]
             # Find which of them have their corners and middle on the receiver, and how far they reach
             j, i = places_in_mask(new)
-            four = four_corners(self.corner_point, j, i).astype(np.float64)
-            middle = self.middle_point[j, i, None].astype(np.float64)
-            squared = np.sum(np.concatenate([four, middle], axis=1) ** 2, axis=-1)
-            limit = (FADE_FROM * self._shape.extent_m) ** 2
-            self.broken[j, i] |= np.any((squared == 0.0) | (squared > limit), axis=1)
-            self.reach_m[j, i] = _REACH * np.sqrt(np.sum((four - middle) ** 2, axis=-1).max(axis=1))
+            limit = FADE_FROM * self._shape.extent_m
+            _measure_blocks(j, i, self.corner_point, self.middle_point, limit, _REACH, self.broken, self.reach_m)
             self.rough[j, i] |= self.broken[j, i]
             if not self.level:
                 self._classify(j, i)
@@ -250,6 +246,31 @@ def _meet_level(xy: Any, wanted: Any, size: Any, axes: Any, ground: Any, point: 
                 point[j, i, 0] = from_x + distance * u
                 point[j, i, 1] = from_y + distance * v
                 point[j, i, 2] = from_z + distance * w
+
+
+@exact
+def _measure_blocks(
+    j: Any, i: Any, corner: Any, middle: Any, limit: Any, factor: Any, rough: Any, reach_m: Any
+) -> None:  # fmt: skip
+    """Mark blocks (n,) as rough whose corners or middle do not lie on the receiver, or farther away than `limit` [m].
+
+    corner: (R + 1, C + 1, 3), middle: (R, C, 3), from the camera. reach_m: (R, C) set to `factor` times the distance of
+    the farthest corner from the middle.
+    """
+    for n in range(len(j)):
+        r, c = j[n], i[n]
+        u, v, w = np.float64(middle[r, c, 0]), np.float64(middle[r, c, 1]), np.float64(middle[r, c, 2])
+        far = u * u + v * v + w * w
+        off, longest = far == 0.0, 0.0
+        for k in range(4):
+            p = corner[r + k // 2, c + k % 2]
+            x, y, z = np.float64(p[0]), np.float64(p[1]), np.float64(p[2])
+            squared = x * x + y * y + z * z
+            off |= squared == 0.0
+            far = max(far, squared)
+            longest = max(longest, (x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2)
+        rough[r, c] |= off or far > limit * limit
+        reach_m[r, c] = factor * np.sqrt(longest)
 
 
 # --- what may change -------------------------------------------------------------------------------------------------
