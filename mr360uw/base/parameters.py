@@ -8,33 +8,29 @@ the JSON schema and the tables of the documentation all read them from there.
 
 from __future__ import annotations
 
+import builtins
+import functools
+import inspect
+import operator
 import re
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
+import types
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
+from mr360uw.base.constants import MOST_LIGHT
 from mr360uw.errors import Mr360uwError, ParameterError
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
 else:
     ModelMetaclass = type(BaseModel)
-import builtins
-import functools
-import inspect
-import operator
-import types
-from collections.abc import Sequence
-from fractions import Fraction
-from pathlib import Path
-from typing import Annotated, Union, get_origin, get_type_hints
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from mr360uw.base.constants import MOST_LIGHT
 
 FULL_TURN_DEG = 360.0
 LATEST_S = 1e6

@@ -111,9 +111,11 @@ def tune(
     check_options(host, token, backend)
     scene = source
     if mesh is not None:
+        from mr360uw.base.progress import terminal_progress
         from mr360uw.first_look.first_scene import make_first_scene
 
-        scene, lines, _ = make_first_scene(source, mesh, backend=backend)
+        with terminal_progress() as progress:
+            scene, lines, _ = make_first_scene(source, mesh, backend=backend, progress=progress)
         typer.echo("\n".join(lines))
     document = Document(scene)
 

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a first scene: looks at a plate and a mesh, writes the scene and a preview of it, says what was found.
 
-The preview also compares a grey card at the object's place with what is around it in the plate."""
+Drafts of the scene are drawn before that: grey cards on its ground tell its exposure, and a body that the water hides
+is brought nearer."""
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +23,7 @@ from mr360uw.base.progress import Progress
 from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
-from mr360uw.first_look.observations import PlateLook, look_at_mesh, look_at_plate
+from mr360uw.first_look.observations import MeshLook, PlateLook, look_at_mesh, look_at_plate
 from mr360uw.first_look.place_in_plate import ShownDistance, Wish, nearer, nearest_m
 from mr360uw.first_look.proposal import (
     Proposal,
@@ -40,6 +43,9 @@ from mr360uw.scene.model import CameraSettings, PlateSettings, Scene, scene_from
 from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Floats, View
 
+if TYPE_CHECKING:
+    from mr360uw.depth.occlusion import PlateDepth
+
 _GREY = 0.18
 """Reflectance of a grey card, and about that of most ground."""
 _THIN = 0.01
@@ -47,11 +53,11 @@ _THIN = 0.01
 _WHOLE = 0.95
 """Alpha from which a pixel shows a card alone."""
 _FEWEST = 12
-"""Pixels of the cards below which nothing is told."""
+"""Pixels of a card below which it tells nothing."""
 _DARKEST = 1e-4
 """Light that counts as black."""
 _CARDS_DEG = (0.0, 90.0, 180.0, -90.0)
-"""Azimuths of the cards; what is most common of the four counts, not a rock or a diver beside one of them."""
+"""Azimuths of the cards. Their median counts: a rock or a diver beside one of them does not."""
 _CARD_M, _AWAY = 0.45, 1.2
 """Side of a card, and how far away it lies, over the height of the camera above the ground."""
 
@@ -62,10 +68,12 @@ def _grey_card_stops(live: LivePreview, draft: Scene) -> float | None:
     That is how much the light found is too bright, if the ground is as bright as most ground. None where no ground is
     known, or no card is seen.
     """
+    import cv2
     import trimesh
 
     if draft.receiver is None:
         return None
+    # Draw the cards, lying on the ground around the camera
     drop = -draft.receiver.height_m
     with TemporaryDirectory() as folder:
         path = Path(folder) / "card.ply"
@@ -79,8 +87,6 @@ def _grey_card_stops(live: LivePreview, draft: Scene) -> float | None:
         )  # fmt: skip
         frame = live.frame(draft.model_copy(update={"objects": cards}), 0, COARSE_WIDTH)
     # Compare each card with what is around it in the plate
-    import cv2
-
     inside = frame.layer.alpha > _WHOLE
     count, labels = cv2.connectedComponents(inside.astype(np.uint8))
     seen, plate = (luminance(picture.image_linear) for picture in (frame.picture, frame.plate))
@@ -124,6 +130,8 @@ _PREVIEW_COLUMNS, _DRAWN_COLUMNS = 1024, 2048
 """Widths [pixels] of previews, and of the frames that they show, at most."""
 _INSET_DEG, _FOOT_SHARE = 60.0, 0.03
 """Field of view of the insets, and the lowest fraction of a body's pixels, which are its foot."""
+_MAP_COLUMNS = 2048
+"""Columns of the distances that two eyes tell, at most."""
 _RADIANCE = (".exr", ".hdr")
 """Stills of scene radiance, whose composite is one too."""
 
@@ -169,7 +177,7 @@ def make_first_scene(
     Returns the scene, lines on what was found and guessed, and commands that go on from there.
 
     wish: for its place and size, with what is known of the files. outside_files: the mesh may name files outside of its
-    folder. The distances of a stereo still are found by its two eyes, and kept beside the scene in NAME.depth;
+    folder. The distances of a stereo still are found by its two eyes, and kept beside the scene in PLATE.depth;
     progress: of that. Raises the files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; no scene is
     written then.
     """
@@ -178,41 +186,36 @@ def make_first_scene(
     plate = look_at_plate(video, wish.eye, underwater=wish.underwater)
     seen = look_at_mesh(mesh, up=wish.up, outside_files=outside_files)
     floor = None if wish.track is None else _floor_of(wish.track)
-    if wish.eye is None and wish.depth is None and plate.still and plate.floor_m is not None:
-        wish = replace(wish, depth=_distances_of_eyes(video, path.with_suffix(".depth"), progress))
+    # Take both eyes where they agree, and the distances that those of a still tell
+    if not plate.eyes_agree:
+        wish = replace(wish, eye=plate.eye)
+    elif wish.eye is None and wish.depth is None and plate.still:
+        folder = path.with_name(f"{video.stem}.depth")
+        wish = replace(wish, depth=_distances_of_eyes(video, folder, plate.size[0], progress))
     shown_m = None
     if wish.depth is not None:
-        below_m, shown_m = _shown_by(wish.depth, plate, wish.track)
+        maps = _maps_of(wish.depth, plate)
+        wish = wish if maps.of_both_eyes else replace(wish, eye=plate.eye)
+        below_m, shown_m = _shown_by(maps, plate, wish.track)
         floor = floor if below_m is None else (below_m, "by the distances of the plate")
-    chosen = propose(plate, seen, wish, floor, shown_m)
 
-    def written(chosen: Proposal) -> tuple[str, Scene]:
-        text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
-        return text, scene_from_dict(tomllib.loads(text), path.parent)
+    def text_of(chosen: Proposal) -> str:
+        return scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
 
-    radiance = plate.path.suffix.lower() in _RADIANCE
+    def scene_of(chosen: Proposal) -> Scene:
+        return scene_from_dict(tomllib.loads(text_of(chosen)), path.parent)
+
+    # Propose a scene, try it out, and draw its preview
+    width, radiance = min(_DRAWN_COLUMNS, plate.size[0]), plate.path.suffix.lower() in _RADIANCE
     with LivePreview(backend) as live:
-        # Correct the light by what the ground shows, and bring nearer what the water hides
-        _, scene = written(chosen)
-        width = min(_PREVIEW_COLUMNS, plate.size[0])
-        sun, to_uncomment = _sun(live.loaded(coarse(scene), width), live)
-        chosen = corrected(chosen, _grey_card_stops(live, coarse(scene)))
-        text, scene = written(chosen)
-        place = chosen.place
-        least = 1.01 * nearest_m(seen, place.size_m)
-        while chosen.water is not None and not (place.stands or place.on_shown) and place.distance_m > least:
-            if _contrast_codes(live, coarse(scene)) >= _GHOST_CODES:
-                break
-            place = nearer(place, max(_NEARER * place.distance_m, 0.99 * least), seen, wish)
-            chosen = replace(chosen, place=place)
-            text, scene = written(chosen)
-        # Draw the preview
-        wide = min(_DRAWN_COLUMNS, plate.size[0])
-        loaded = live.loaded(coarse(scene), wide)
-        sheet = _preview(live.frame(coarse(scene), 0, wide), radiance=radiance)
+        chosen = _tried_out(propose(plate, seen, wish, floor, shown_m), seen, wish, scene_of, live)
+        scene = scene_of(chosen)
+        loaded = live.loaded(coarse(scene), width)
+        sun, to_uncomment = _sun(loaded, live)
+        sheet = _preview(live.frame(coarse(scene), 0, width), radiance=radiance)
     with whole_file(preview) as shown, whole_file(path) as file:  # on a full disk neither is there
         shown.write_bytes(screen_picture(sheet, ".png"))
-        file.write_text(text + to_uncomment, "utf-8")
+        file.write_text(text_of(chosen) + to_uncomment, "utf-8")
     suffix = (".exr" if radiance else ".png") if plate.still else ".mp4"
     lines = [
         summary_line(chosen, seen, sun, in_doubt=bool(to_uncomment)),
@@ -230,6 +233,24 @@ def make_first_scene(
     return path, lines, commands
 
 
+def _tried_out(
+    chosen: Proposal, mesh: MeshLook, wish: Wish, scene_of: Callable[[Proposal], Scene], live: LivePreview
+) -> Proposal:
+    """Return a proposal with the exposure that its ground tells, and nearer where the water hides its body.
+
+    scene_of: makes the scene of a proposal.
+    """
+    chosen = corrected(chosen, _grey_card_stops(live, coarse(scene_of(chosen))))
+    place = chosen.place
+    if chosen.water is None or place.stands or place.on_shown:
+        return chosen
+    nearest = nearest_m(mesh, place.size_m)
+    while place.distance_m > 1.01 * nearest and _contrast_codes(live, coarse(scene_of(chosen))) < _GHOST_CODES:
+        place = nearer(place, max(_NEARER * place.distance_m, nearest), mesh, wish)
+        chosen = replace(chosen, place=place)
+    return chosen
+
+
 def _targets(video: Path, mesh: Path, track: Path | None, out: Path | None, *, overwrite: bool) -> tuple[Path, Path]:
     """Return the names of the scene and of its preview; raise where they cannot be written."""
     if not video.name:
@@ -245,23 +266,34 @@ def _targets(video: Path, mesh: Path, track: Path | None, out: Path | None, *, o
     return path, preview
 
 
-def _distances_of_eyes(video: Path, folder: Path, progress: Progress | None) -> Path:
-    """Write the distances of both eyes of a stereo still into a folder, unless they are there; return the folder."""
+def _distances_of_eyes(video: Path, folder: Path, columns: int, progress: Progress | None) -> Path | None:
+    """Write the distances of both eyes of a stereo still into a folder, unless they are there; return the folder.
+
+    columns: of an eye. None where they are too few to tell distances.
+    """
+    from mr360uw.depth.clip_depth import LEAST_WIDTH
     from mr360uw.depth.clip_eyes import depth_of_eyes  # whose kernels most plates have no use for
 
-    depth_of_eyes(video, folder, progress=progress)
+    width = min(columns, _MAP_COLUMNS) // 8 * 8
+    if width < LEAST_WIDTH:
+        return None
+    depth_of_eyes(video, folder, width=width, progress=progress)
     return folder
 
 
-def _shown_by(depth: Path, plate: PlateLook, track: Path | None) -> tuple[float | None, ShownDistance]:
+def _maps_of(depth: Path, plate: PlateLook) -> PlateDepth:
+    """Return the maps of a folder, for the eye that a plate was looked at with."""
+    from mr360uw.depth.occlusion import PlateDepth  # whose kernels most plates have no use for
+
+    return PlateDepth(depth, right=plate.eye == "right")
+
+
+def _shown_by(maps: PlateDepth, plate: PlateLook, track: Path | None) -> tuple[float | None, ShownDistance]:
     """Return how far [m] maps of a plate's distances show the ground below the camera, None where they do not, and
     what tells other distances. The camera is levelled by its track, or by the tilt that the plate shows.
     """
-    from mr360uw.depth.occlusion import PlateDepth  # whose kernels most plates have no use for
-
     camera = CameraSettings(track=track, roll_deg=plate.roll_deg, pitch_deg=plate.pitch_deg)
     position, rotation = CameraPath.of(Scene(plate=PlateSettings(path=plate.path), camera=camera)).at(0.0)
-    maps = PlateDepth(depth, right=plate.eye == "right")
 
     def shown_m(directions: Floats) -> Floats:
         return maps.toward(0, directions @ rotation)

@@ -103,9 +103,9 @@ class PlateLook:
 
     still: one picture. size: (width, height) [pixels]. eye: that was looked at, None of mono. projection: "auto" unless
     the plate shows another one. roll_deg, pitch_deg: of the camera; tilt_by: what told them, "" where they cannot be
-    told or it is level. floor: whether something is seen below. floor_m: height of the camera over the ground by the
-    two eyes of a stereo plate, None where they do not tell it; notes: doubts about their arrangement and about the
-    plate's projection, one line each.
+    told or it is level. floor: whether something is seen below. eyes_agree: whether the plate has two eyes, arranged as
+    it is read. floor_m: height of the camera over the ground by these, None where they do not tell it; notes: doubts
+    about their arrangement and about the plate's projection, one line each.
     """
 
     path: Path
@@ -121,6 +121,7 @@ class PlateLook:
     pitch_deg: float
     tilt_by: str
     floor: bool
+    eyes_agree: bool = False
     floor_m: float | None = None
     notes: tuple[str, ...] = ()
 
@@ -150,9 +151,11 @@ def look_at_plate(path: Path, eye: Eye | None = None, *, underwater: bool | None
     dark = float(np.quantile(upper, 0.9)) < _DARK
     doubt, floor_m = eyes_of_plate(scene)
     notes += (doubt,) if doubt else ()
-    floor = _has_floor(image, medium.underwater)
-    level = tilt or (0.0, 0.0, "")
-    return PlateLook(path, image, frames[0], still, size, eye, projection, medium, dark, *level, floor, floor_m, notes)
+    floor, agree = _has_floor(image, medium.underwater), eye is not None and not doubt
+    return PlateLook(
+        path, image, frames[0], still, size, eye, projection, medium, dark, *(tilt or (0.0, 0.0, "")), floor, agree,
+        floor_m, notes,
+    )  # fmt: skip
 
 
 def _small(video: VideoReader, index: int) -> Floats:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Places a thing in a plate: on ground near by if it stands, in open water if it swims, in the sky if it flies.
 
-What stands is put 1.5 to 5 m away, 20 to 40 degrees below the horizon, farther only where it is too large for that. In
-water nothing is farther than a third of the visibility: what would fill the view there is made smaller.
+What stands is put 1.5 to 5 m away, 20 to 40 degrees below the horizon, farther only where it is too large for that.
+Where the plate's distances are known, it is put on ground that is there, with nothing in the way. In water nothing is
+farther than a third of the visibility: what would fill the view there is made smaller.
 """
 
 from __future__ import annotations

@@ -429,16 +429,20 @@ def _water_lines(chosen: Proposal) -> list[str]:
     ]
 
 
-_WRONG_STOPS, _DOUBTFUL_STOPS = 1.5, 0.75
+_WRONG_STOPS, _DOUBTFUL_STOPS, _MOST_STOPS = 1.5, 0.75, 3.0
 """Stops from which the light found is corrected under water, and from which that is proposed: of sand and rock of any
-brightness most are within."""
+brightness most are within; and the most that it is corrected by: what asks for more is no ground."""
 
 
 def corrected(chosen: Proposal, card_stops: float | None) -> Proposal:
-    """Return a proposal with the exposure that the ground tells. card_stops: by which a grey card is brighter."""
-    if card_stops is None or abs(card_stops) < _DOUBTFUL_STOPS:
+    """Return a proposal with the exposure that the ground tells.
+
+    card_stops: by which a grey card is brighter; None where no ground is seen. A lamp of the scene does not light the
+    plate, whose ground then tells nothing.
+    """
+    if card_stops is None or chosen.lamp or abs(card_stops) < _DOUBTFUL_STOPS:
         return chosen
-    return replace(chosen, exposure=round(-card_stops, 1))
+    return replace(chosen, exposure=round(min(max(-card_stops, -_MOST_STOPS), _MOST_STOPS), 1))
 
 
 def brightness_lines(chosen: Proposal) -> list[str]:
@@ -447,8 +451,9 @@ def brightness_lines(chosen: Proposal) -> list[str]:
     if not stops:
         return []
     way = "darker" if stops > 0.0 else "brighter"
+    by = f"{abs(stops):.1f} stops{' or more' * (abs(stops) >= _MOST_STOPS)}"
     done = "made up for by exposure" if _is_corrected(chosen) else f"exposure = {stops:.1f} would make up for that"
-    return [f"grey      a grey card would be {abs(stops):.1f} stops {way} than the ground around it: {done}"]
+    return [f"grey      a grey card would be {by} {way} than the ground around it: {done}"]
 
 
 def _is_corrected(chosen: Proposal) -> bool:

@@ -14,23 +14,25 @@ eye alone.
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 import numpy as np
 
-from mr360uw.base.cache import Cache
+from mr360uw.base.cache import Cache, drop_shared
 from mr360uw.base.color import unseen_change
 from mr360uw.base.constants import JUST_BELOW_M
 from mr360uw.base.optics import into_air
-from mr360uw.caustics.settings import CausticSettings
+from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.light_sources import lamps_of, sun_of
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.shot import Shot, object_presence
 from mr360uw.composite.tiles import mean_layer
-from mr360uw.errors import ParameterError, RenderError
+from mr360uw.errors import GlError, ParameterError, RenderError
 from mr360uw.ibl.lighting import turned
 from mr360uw.medium import Medium
 from mr360uw.medium.scattered_light import spread_of
@@ -38,24 +40,13 @@ from mr360uw.render.first_pass import Background, ClipAnalysis, plate_pattern
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import asked_grade, ungraded, with_grade
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
-from mr360uw.types import CausticStack, Floats, Layer, MediumTable, Sun
+from mr360uw.types import BeamSpread, CausticStack, Floats, Layer, MediumTable, Sun
 from mr360uw.video import VideoFrame
-
-if TYPE_CHECKING:
-    from mr360uw.composite.receiver.blocks import Prepared
-    from mr360uw.composite.shafts import ShaftInput
-import threading
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal, get_args
-
-from mr360uw.base.cache import drop_shared
-from mr360uw.caustics.settings import Sea
-from mr360uw.errors import GlError
-from mr360uw.types import BeamSpread
 
 if TYPE_CHECKING:
     from mr360uw.composite.gl.layer_renderer import LayerRenderer
     from mr360uw.composite.receiver.blocks import Prepared
+    from mr360uw.composite.shafts import ShaftInput
 
 T = TypeVar("T")
 _LOWEST_SUN = 0.05

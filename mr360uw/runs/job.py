@@ -169,7 +169,7 @@ class OpenJob:
         frame = blend_frame(self.loaded, self._analysis, shots, drawn, cache)
         since = times.add("blend", since)
         sunless = frame.light is not None and frame.light.environment.sun is None
-        times.frames.update(all=1, empty=not frame.layer.tiles, sunless=sunless)
+        times.frames.update(all=1, empty=int(not frame.layer.tiles), sunless=int(sunless))
         times.frames[frame.plate.damage] += 1
         if self.job.layers is not None and frame.variables is not None:
             parts, views = _layers(frame)

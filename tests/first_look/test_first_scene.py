@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -105,6 +106,21 @@ def test_dark_water_gets_a_lamp(tmp_path: Path, run: Run) -> None:
     assert scene.receiver is None
 
 
+def test_a_lamp_that_the_plate_does_not_show_tells_no_exposure(
+    tmp_path: Path, run: Run, rng: np.random.Generator
+) -> None:
+    y = directions(256, 128)[..., 1:2]
+    ground = np.exp(rng.normal(0.0, 0.5, (128, 256, 1))) * np.array((0.001, 0.006, 0.008))
+    plate = picture(tmp_path / "night.png", np.where(y < -0.2, ground, water((0.0, 0.003, 0.006))))
+    code, said, err = run("new", plate, mesh(tmp_path / "fish.ply", 0.4), "--backend", "reference")
+    assert (code, err) == (0, "")
+    scene = load_scene(tmp_path / "night.toml")
+    assert len(scene.lamps) == 1
+    assert scene.receiver is not None
+    assert "grey" not in said
+    assert scene.objects[0].exposure == 0.0
+
+
 def test_a_large_thing_is_not_put_where_the_water_hides_it(tmp_path: Path, run: Run) -> None:
     plate = picture(tmp_path / "green.png", water((0.06, 0.16, 0.08)))
     assert run("new", plate, mesh(tmp_path / "whale.ply", 12.0), "--backend", "reference")[0] == 0
@@ -152,6 +168,12 @@ def test_stereo_plates_are_taken_by_both_eyes_and_others_refused(tmp_path: Path,
         assert ("both eyes" if eye == "both" else "left eye") in said
         assert load_scene(tmp_path / "two.toml").plate.eye == eye
     assert not (tmp_path / "two.depth").exists()  # open water has no distances
+    # Maps of one eye are used with that eye
+    far = DepthMap(np.full((128, 256), 5.0, np.float32), np.ones((128, 256), np.float32))
+    write_own_maps(tmp_path / "maps", {0: (far,)})
+    given = ("new", tmp_path / "two.png", body, "--backend", "reference", "--overwrite", "--depth", tmp_path / "maps")
+    assert run(*given)[0] == 0
+    assert load_scene(tmp_path / "two.toml").plate.eye == "left"
     picture(tmp_path / "flat.png", left[:, :180])
     code, _, err = run("new", tmp_path / "flat.png", body)
     assert code == 2
@@ -189,24 +211,21 @@ def test_the_eyes_of_a_still_tell_its_floor(tmp_path: Path, run: Run, rng: np.ra
 
 
 def test_the_ground_tells_the_exposure(tmp_path: Path, run: Run, rng: np.random.Generator) -> None:
-    """Four times as much light from the same ground under the same water is two stops more."""
+    """Four times as much light from the same ground under the same water is two stops more, up to three stops."""
     sea = water((0.02, 0.15, 0.3))
     y = directions(256, 128)[..., 1:2]
     rough = np.exp(rng.normal(0.0, 0.3, (128, 256, 1)))
     found = []
-    for times in (1.0, 4.0):
-        plate = picture(tmp_path / "reef.png", np.where(y < -0.2, times * rough * np.array((0.05, 0.12, 0.15)), sea))
-        code, _, err = run("new", plate, mesh(tmp_path / "fish.ply", 0.4), "--overwrite", "--backend", "reference")
+    for times, over in ((1.0, sea), (4.0, sea), (4.0, 0.05 * sea)):
+        plate = picture(tmp_path / "reef.png", np.where(y < -0.2, times * rough * np.array((0.05, 0.12, 0.15)), over))
+        code, said, err = run("new", plate, mesh(tmp_path / "fish.ply", 0.4), "--overwrite", "--backend", "reference")
         assert (code, err) == (0, "")
-        text = (tmp_path / "reef.toml").read_text()
-        found.append(
-            next(
-                (float(line.split("exposure = ")[1].split()[0]) for line in text.splitlines() if "exposure = " in line),
-                0.0,
-            )
-        )
+        written = re.findall(r"exposure = (\S+)", (tmp_path / "reef.toml").read_text())
+        found.append(float(written[0]) if written else 0.0)
         assert (load_scene(tmp_path / "reef.toml").objects[0].exposure != 0.0) == (abs(found[-1]) >= 1.5)
     assert abs(found[1] - found[0] - 2.0) < 0.4  # brighter ground also lights the water, a little
+    assert found[2] == 3.0
+    assert "3.0 stops or more darker" in said
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
