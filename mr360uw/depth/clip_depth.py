@@ -157,8 +157,10 @@ def depth_of_clip(
 
 
 def map_width(width: int, clip: VideoReader, usual: str) -> int:
-    """Return the columns of maps, at most those of the clip; raise `ParameterError` unless they suit the method."""
-    width = min(width, clip.width)
+    """Return the columns of maps, at most the multiple of 8 that the clip has; raise `ParameterError` unless they suit
+    the method.
+    """
+    width = min(width, clip.width // 8 * 8)
     if width < LEAST_WIDTH or width % 8:
         raise ParameterError(f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take {usual}")
     return width

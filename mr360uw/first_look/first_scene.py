@@ -130,8 +130,6 @@ _PREVIEW_COLUMNS, _DRAWN_COLUMNS = 1024, 2048
 """Widths [pixels] of previews, and of the frames that they show, at most."""
 _INSET_DEG, _FOOT_SHARE = 60.0, 0.03
 """Field of view of the insets, and the lowest fraction of a body's pixels, which are its foot."""
-_MAP_COLUMNS = 2048
-"""Columns of the distances that two eyes tell, at most."""
 _RADIANCE = (".exr", ".hdr")
 """Stills of scene radiance, whose composite is one too."""
 
@@ -274,10 +272,9 @@ def _distances_of_eyes(video: Path, folder: Path, columns: int, progress: Progre
     from mr360uw.depth.clip_depth import LEAST_WIDTH
     from mr360uw.depth.clip_eyes import depth_of_eyes  # whose kernels most plates have no use for
 
-    width = min(columns, _MAP_COLUMNS) // 8 * 8
-    if width < LEAST_WIDTH:
+    if columns < LEAST_WIDTH:
         return None
-    depth_of_eyes(video, folder, width=width, progress=progress)
+    depth_of_eyes(video, folder, progress=progress)
     return folder
 
 
