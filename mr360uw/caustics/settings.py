@@ -153,10 +153,12 @@ Span = tuple[float, float]
 
 
 def _rung(depth_m: ArrayLike) -> NDArray[np.float64]:
+    """Return how many intervals of the ladder a depth lies below the surface."""
     return np.asarray((np.sqrt(np.maximum(depth_m, 0.0) + _NEAR_M) - math.sqrt(_NEAR_M)) / _RUNG)
 
 
 def _depth(rung: ArrayLike) -> NDArray[np.float64]:
+    """Return the depth [m] of a place on the ladder."""
     return np.asarray((math.sqrt(_NEAR_M) + _RUNG * np.maximum(rung, 0.0)) ** 2 - _NEAR_M)
 
 

@@ -79,6 +79,8 @@ def summed_stack(
 
     sun_in_air: unit direction (3,) above the horizon. depths_m: (D,), ascending.
     """
+    from scipy.fft import irfft2
+
     sun_in_water = into_water(sun_in_air, refractive_index)
     travel, indices = -sun_in_water[[0, 2]] / sun_in_water[1], pass_indices(settings.chromatic, refractive_index)
     cells, blur_slope = _cells_of(sea, settings)
@@ -105,7 +107,7 @@ def summed_stack(
             spectrum = light.draw(depth_m, maps[number, plane])
             if soft is not None and turned is not None and number == middle:
                 spectrum *= _soft_factor(turned, tuple(sun_in_water.tolist()), depth_m, size, sea.tile_m)
-                _inverse(spectrum, soft[plane, ..., 0])
+                np.maximum(irfft2(spectrum, s=(size, size)), 0.0, out=soft[plane, ..., 0])
     ratio = np.moveaxis(maps, 0, -1)
     return CausticStack(np.broadcast_to(ratio, (*ratio.shape[:3], 3)), depths_m, sea.tile_m, sun_in_water, soft)
 
@@ -144,7 +146,7 @@ class _Cells:
 
     def draw(self, depth_m: float, out: Floats32) -> NDArray[np.complex64]:
         """Write the map (size, size) of a plane, mean 1; return its spectrum (size, size/2 + 1)."""
-        from scipy.fft import rfft2
+        from scipy.fft import irfft2, rfft2
 
         size, tile_m, half_angle = len(out), self.sea.tile_m, self.settings.sun_half_angle_rad
         towards = tuple(self.sun.tolist())
@@ -159,20 +161,13 @@ class _Cells:
         sum_cells(self.corners, self.flux, depth_m, tile_m, float(size * size), spacing, out)
         spectrum = rfft2(out)
         spectrum *= factor
-        _inverse(spectrum, out)
+        np.maximum(irfft2(spectrum, s=out.shape), 0.0, out=out)
         return spectrum
 
     @functools.cached_property
     def _covered(self) -> RefractedBeam:
         surface = self.sea.grid_surface(grid_of(self.settings, self.sea), self.time_s)
         return RefractedBeam(self.sea, surface, self.sun, self.refractive_index)
-
-
-def _inverse(spectrum: NDArray[np.complex64], out: Floats32) -> None:
-    """Write the map (size, size) of a spectrum, at least 0."""
-    from scipy.fft import irfft2
-
-    np.maximum(irfft2(spectrum, s=out.shape), 0.0, out=out)
 
 
 @shared(keep=64)

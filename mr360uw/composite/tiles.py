@@ -76,24 +76,16 @@ def places_in_mask(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[
     return row, column
 
 
-def rectangle_of_mask(mask: NDArray[np.bool_]) -> Rectangle | None:
-    """Return the rectangle of the set pixels (h, w) of a frame, shortest around the seam; None where none is set."""
-    rows = np.flatnonzero(mask.any(axis=1))
-    if len(rows) == 0:
-        return None
-    column, columns = _interval(np.asarray(mask.any(axis=0)))
-    return Rectangle(column, int(rows[0]), columns, int(rows[-1] - rows[0] + 1))
-
-
 def rectangles_of_mask(mask: NDArray[np.bool_], spare: int) -> list[Rectangle]:
     """Return disjoint rectangles that cover the set pixels (h, w) of a frame, across the seam where that is shorter.
 
     The bounding rectangle is cut in two, recursively, wherever that leaves out at least `spare` pixels.
     """
-    whole = rectangle_of_mask(mask)
-    if whole is None:
+    set_rows = np.flatnonzero(mask.any(axis=1))
+    if len(set_rows) == 0:
         return []
-    column, row, columns, rows = whole
+    column, columns = _interval(np.asarray(mask.any(axis=0)))
+    row, rows = int(set_rows[0]), int(set_rows[-1] - set_rows[0] + 1)
     window = np.roll(mask, -column, axis=1)[row : row + rows, :columns]
     parts = _cut(window, np.arange(columns + 1), np.arange(rows + 1), spare)
     return [Rectangle((column + c) % mask.shape[1], row + r, w, h) for c, r, w, h in parts]
@@ -211,14 +203,14 @@ def _outermost(corners: Floats, begin: NDArray[np.int64]) -> tuple[Floats, NDArr
 
 def _latitudes(corners: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Return latitudes (T, n) whose extremes bound each triangle, and whether it covers a pole (T,)."""
-    unit = corners / np.maximum(_length(corners), 1e-30)[..., None]
+    unit = corners / np.maximum(np.linalg.norm(corners, axis=-1, keepdims=True), 1e-30)
     latitude = np.arcsin(np.clip(unit[..., 1], -1.0, 1.0))
     following = unit[:, [1, 2, 0]]
     normal = _cross(unit, following)
     # the highest point of an edge's great circle, where the edge holds it: y without its part along the normal
-    top = -normal * (normal[..., 1] / np.maximum(_length(normal), 1e-30) ** 2)[..., None]
+    top = -normal * (normal[..., 1] / np.maximum(np.linalg.norm(normal, axis=-1), 1e-30) ** 2)[..., None]
     top[..., 1] += 1.0
-    highest = np.arcsin(np.clip(_length(top), 0.0, 1.0))
+    highest = np.arcsin(np.clip(np.linalg.norm(top, axis=-1), 0.0, 1.0))
     after = np.einsum("...k,...k", _cross(unit, top), normal)
     before = np.einsum("...k,...k", _cross(top, following), normal)
     north = np.where((after > 0.0) & (before > 0.0), highest, latitude)
@@ -238,10 +230,6 @@ def _cross(a: Floats, b: Floats) -> Floats:
     """Return the cross products of vectors (..., 3); a few of them take less time than with np.cross."""
     (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
-
-
-def _length(vectors: Floats) -> Floats:
-    return np.sqrt(np.einsum("...k,...k", vectors, vectors))
 
 
 NEAREST = 2.0

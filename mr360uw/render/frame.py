@@ -134,10 +134,22 @@ def frame_shots(
     loaded: Loaded, analysis: ClipAnalysis, backend: Backend, filed: VideoFrame, shutter_s: float, cache: Cache,
     light: FrameLight | None = None,
 ) -> FrameShots:  # fmt: skip
-    """Return what is to be drawn for a plate's frame, with its light, water, caustics and shafts, on any thread."""
+    """Return what is to be drawn for a plate's frame, with its light, water, caustics and shafts, on any thread.
+
+    Raises `ParameterError` where the scene works on both eyes and the frame is one panorama.
+    """
     now, time_s, index = loaded.at(filed.time_s), filed.time_s, filed.index
     plate = ungraded(now, analysis.grade, filed, cache)
-    pictures = plate_of_eyes(now, plate)
+    # What the eyes of the plate show, and how far each is to the right of the middle
+    pictures = [(plate, 0.0)]
+    if now.scene.plate.eye == "both":
+        if plate.right is None:
+            raise ParameterError(
+                'plate.eye - is "both", but the frame has one eye - take frames that open_video(..., eye="both") '
+                "reads, or leave out plate.eye"
+            )
+        half_m = 0.5 * now.scene.camera.ipd_m
+        pictures = [(plate, -half_m), (plate.right, half_m)]
     if not loaded.plan.layer.runs:
         return FrameShots(now, filed, None, None, tuple((picture, ()) for picture, _ in pictures))
     # Measure light and water, which hold for all instants
@@ -182,8 +194,9 @@ def blend_frame(loaded: Loaded, analysis: ClipAnalysis, shots: FrameShots, by_ey
     frames = []
     for (plate, instants), drawn in zip(shots.eyes, by_eye, strict=True):
         layer = mean_layer([layer for layer, _ in drawn]) if drawn else Layer(loaded.height, loaded.width, ())
-        look = asked_grade(shots.now, analysis.grade, shots.filed, layer, cache)  # of the left eye for both
-        layer = cache.of(with_grade, layer, look, plate) if look.reach_px > 0 else layer
+        if any(np.any(tile.alpha > 0.0) for tile in layer.tiles):
+            look = asked_grade(shots.now, analysis.grade, shots.filed, cache)  # of the left eye for both
+            layer = cache.of(with_grade, layer, look, plate) if look.reach_px > 0 else layer
         picture = cache.of(lay_over, plate, layer, shots.now.scene.draw.grain)
         caustics, variables = (instants[-1].shot.caustics, drawn[-1][1]) if drawn else (None, None)
         frames.append(Frame(picture, plate, layer, shots.light, shots.water, caustics, variables))
@@ -191,23 +204,6 @@ def blend_frame(loaded: Loaded, analysis: ClipAnalysis, shots: FrameShots, by_ey
         return frames[0]
     left, right = frames
     return replace(left, picture=replace(left.picture, right=right.picture), right=right)
-
-
-def plate_of_eyes(now: Loaded, plate: VideoFrame) -> list[tuple[VideoFrame, float]]:
-    """Return what the eyes of a plate's frame show, itself, or left and right where the scene works on both, and how
-    far each is to the right of the middle [m].
-
-    Raises `ParameterError` where the scene works on both eyes and the frame is one panorama.
-    """
-    if now.scene.plate.eye != "both":
-        return [(plate, 0.0)]
-    if plate.right is None:
-        raise ParameterError(
-            'plate.eye - is "both", but the frame has one eye - take frames that open_video(..., eye="both") '
-            "reads, or leave out plate.eye"
-        )
-    half_m = 0.5 * now.scene.camera.ipd_m
-    return [(plate, -half_m), (plate.right, half_m)]
 
 
 def shown_to_eye(

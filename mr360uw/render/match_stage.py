@@ -105,15 +105,20 @@ def _look(
     return replace(grade, found=found)
 
 
-def asked_grade(loaded: Loaded, grade: PlateGrade | None, plate: VideoFrame, layer: Layer, cache: Cache) -> PlateGrade:
-    """Return the look that bodies of a frame's layer are given; one that changes nothing where the plan has none.
+def asked_grade(loaded: Loaded, grade: PlateGrade | None, plate: VideoFrame, cache: Cache) -> PlateGrade:
+    """Return the look that a frame's bodies are given; one that changes nothing where the plan has none.
 
     grade: of the clip; None measures it in this frame alone. plate: as the file has it. cache: holds the look that was
     measured last.
     """
-    if not loaded.plan.match.runs or not any(np.any(tile.alpha > 0.0) for tile in layer.tiles):
+    settings = loaded.scene.match
+    if not loaded.plan.match.runs:
         return PlateGrade()
-    return _frame_grade(loaded, grade, plate, cache)
+    if grade is None:
+        grade = PlateGrade()
+        if settings.measures:
+            grade = grade_in_frame(loaded, plate, [plate for _ in settings.patch], cache)
+    return grade.of_scene(settings, loaded.width, loaded.scene.plate.scale)
 
 
 def ungraded(loaded: Loaded, grade: PlateGrade | None, plate: VideoFrame, cache: Cache) -> VideoFrame:
@@ -121,9 +126,9 @@ def ungraded(loaded: Loaded, grade: PlateGrade | None, plate: VideoFrame, cache:
 
     grade: of the clip; None measures it in this frame alone.
     """
-    if not loaded.plan.match.runs or not loaded.scene.match.colours:
+    if not loaded.scene.match.colours:
         return plate
-    colour = _frame_grade(loaded, grade, plate, cache).colour
+    colour = asked_grade(loaded, grade, plate, cache).colour
     return cache.of(VideoFrame.graded_by, plate, colour) if colour.changes else plate
 
 
@@ -133,15 +138,6 @@ def grade_in_frame(loaded: Loaded, plate: VideoFrame, shown: list[VideoFrame], c
     cache: holds the look that was measured last.
     """
     return cache.of(_look, loaded.scene.match.measured, (plate,), tuple(shown), _surroundings(loaded, shown))
-
-
-def _frame_grade(loaded: Loaded, grade: PlateGrade | None, plate: VideoFrame, cache: Cache) -> PlateGrade:
-    settings = loaded.scene.match
-    if grade is None:
-        grade = PlateGrade()
-        if settings.measures:
-            grade = grade_in_frame(loaded, plate, [plate for _ in settings.patch], cache)
-    return grade.of_scene(settings, loaded.width, loaded.scene.plate.scale)
 
 
 def clip_colour(loaded: Loaded, grade: PlateGrade | None) -> ColourGrade | None:

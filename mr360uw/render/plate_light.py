@@ -16,6 +16,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -256,8 +257,13 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
     if light.between is not None:
         before, after = light.between.before.medium, light.between.after.medium
         if before is not None and after is not None and min(before.camera_depth_m, after.camera_depth_m) > 0.0:
-            table = table_between(before, after, light.between.share)
-            return table if light.plate_ratio is None else replace(table, plate_ratio=light.plate_ratio)
+            mixed: dict[str, Any] = {} if light.plate_ratio is None else {"plate_ratio": light.plate_ratio}
+            for field in fields(MediumTable):
+                one, other, share = getattr(before, field.name), getattr(after, field.name), light.between.share
+                if field.name not in mixed and one is not other and one is not None and other is not None:
+                    value = (1.0 - share) * one + share * other
+                    mixed[field.name] = value.astype(np.float32) if isinstance(one, np.ndarray) else value
+            return replace(before, **mixed)
     medium = surroundings.medium_at(time_s)
     if medium is None:
         return None
@@ -284,17 +290,6 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
             of_floor = medium.far_light(row_up(len(ratio)), medium.gain, floor)[1]
             ratio = beside_floor(ratio, of_floor).astype(np.float32)
     return replace(table, diffuse=diffuse.astype(np.float32), plate_ratio=ratio)
-
-
-def table_between(before: MediumTable, after: MediumTable, share: float) -> MediumTable:
-    """Return a table whose numbers are interpolated linearly between those of two. share: 0 at `before`."""
-    mixed = {}
-    for field in fields(MediumTable):
-        one, other = getattr(before, field.name), getattr(after, field.name)
-        if one is not other and one is not None and other is not None:
-            value = (1.0 - share) * one + share * other
-            mixed[field.name] = value.astype(np.float32) if isinstance(one, np.ndarray) else value
-    return replace(before, **mixed)
 
 
 def plate_light(loaded: Loaded, analysis: ClipAnalysis, plate: VideoFrame, cache: Cache | None = None) -> FrameLight:

@@ -174,16 +174,11 @@ def linear_from_planes(image: YuvImage, rectangle: Rectangle | None = None, wrap
     """
     column, row, width, height = rectangle or (0, 0, *image.y.shape[::-1])
     out = np.empty((height, width, 3), np.float32)
-    planes = tuple(map(_read_only, (image.y, image.u, image.v)))  # all of one type: a kernel is compiled for each
+    # Read-only views, so that all are of one type: a kernel is compiled for each
+    planes = tuple(np.broadcast_to(plane, plane.shape) for plane in (image.y, image.u, image.v))
     place = (row, column, *subsampling(image), wrap)
     read_rectangle(planes, place, coefficients(image.spec), decode_table(image.spec), out)
     return in_rec709(out, image.spec)
-
-
-def _read_only(plane: NDArray[Any]) -> NDArray[Any]:
-    plane = plane.view()
-    plane.flags.writeable = False
-    return plane
 
 
 def linear_in_directions(image: YuvImage, direction: Floats) -> NDArray[np.float32]:

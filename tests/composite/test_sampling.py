@@ -12,7 +12,7 @@ from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import make_mesh
 from mr360uw.composite.sampling import pattern
 from mr360uw.composite.shot import PlacedObject
-from mr360uw.composite.tiles import even_tiles, rectangle_of_mask, rectangles_of_bodies
+from mr360uw.composite.tiles import even_tiles, rectangles_of_bodies, rectangles_of_mask
 from mr360uw.errors import ParameterError
 from tests.composite import tolerances as tol
 from tests.composite.scenes import shot
@@ -54,9 +54,7 @@ def test_rectangles_hold_triangles_over_seam_and_poles(rng: np.random.Generator)
         inside = np.zeros_like(mask)
         inside[row : row + rows, (column + np.arange(columns)) % width] = True
         assert not np.any(mask & ~inside)
-        tight = rectangle_of_mask(mask)
-        if tight is not None:
-            slack.append((columns - tight[2], rows - tight[3]))
+        slack += [(columns - tight.width, rows - tight.height) for tight in rectangles_of_mask(mask, mask.size)]
         poles += bool(mask[0].all() or mask[-1].all())
     assert poles > 10
     assert np.all(np.median(slack, axis=0) <= tol.RECTANGLE_PIXELS)  # slender corners fall between pixel centres
@@ -147,7 +145,7 @@ def test_fragments_hold_the_samples_that_rays_find_over_seam_and_poles(rng: np.r
         for layer in surfaces.layers:
             pixel = layer.pixel()
             np.add.at(got, (layer.row[pixel], layer.column[pixel]), layer.weight)
-            pieces += len(layer)
+            pieces += len(layer.triangle)
         assert np.mean(np.abs(got - covered) > 0.5 / samples.count) <= tol.SAMPLES_AT_EDGES
         poles += bool(covered[0].all() or covered[-1].all())
     assert poles > 2

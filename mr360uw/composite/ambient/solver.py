@@ -524,9 +524,21 @@ than one code, by 3 at most; twice as fast a hundred of them, by 15 at most."""
 
 
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:
-    """Return where the bodies of a shot are over its ground."""
-    objects, on_ground = _bodies(shot), shot.receiver is not None and shot.receiver.occlusion
-    heights = _ground_heights(shot, objects, cache)
+    """Return where the bodies of a shot are over its ground: straight below their middles on a mesh, where the camera
+    sees the middle of their undersides on a distance map.
+    """
+    objects, receiver = _bodies(shot), shot.receiver
+    on_ground = receiver is not None and receiver.occlusion
+    heights: list[float | None] = [None] * len(objects)
+    if receiver is not None and on_ground:
+        if receiver.plane_y is not None:
+            heights = [receiver.plane_y] * len(objects)
+        elif receiver.mesh is not None:
+            scene = cache.of(RayScene, receiver.mesh)
+            heights = [_below(scene, placed) for placed in objects]
+        else:
+            shape = cache.of(ReceiverShape, receiver, shot.view.position)
+            heights = [_seen(shot, shape, placed) for placed in objects]
     return cache.of(make_layout, objects, heights, on_ground, cache, keep=_KEPT_SAMPLES)
 
 
@@ -535,24 +547,6 @@ def _bodies(shot: Shot) -> tuple[PlacedObject, ...]:
     if shot.draw.ambient_occlusion:
         return shot.objects
     return shot.casters if shot.receiver is not None and shot.receiver.occlusion else ()
-
-
-def _ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) -> list[float | None]:
-    """Return the height [m] of the ground below each object in the world, None where there is none.
-
-    Of a mesh straight below the body's middle; of a distance map where the camera sees the middle of its underside.
-    """
-    receiver = shot.receiver
-    if receiver is None or not receiver.occlusion:
-        return [None] * len(objects)
-    if receiver.plane_y is not None:
-        return [receiver.plane_y] * len(objects)
-    mesh = receiver.mesh
-    if mesh is not None:
-        scene = cache.of(RayScene, mesh)
-        return [_below(scene, placed) for placed in objects]
-    shape = cache.of(ReceiverShape, receiver, shot.view.position)
-    return [_seen(shot, shape, placed) for placed in objects]
 
 
 def _below(scene: RayScene, placed: PlacedObject) -> float | None:

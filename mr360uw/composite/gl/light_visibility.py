@@ -133,10 +133,15 @@ def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
     sun, lamps, view = sun_of(shot), lamps_of(shot), shot.view
     of_sun, of_lamps = sun_frames(shot), [lamp_frames(lamp, shot.casters) for lamp in lamps]
     frames = [*of_sun, *(frame for group in of_lamps for frame in group)]
-    # Draw the columns, as fine as the narrowest light asks for
+    # Draw the columns, as fine as the narrowest light and the body that is largest in the frame ask for
     radii = [lamp.radius_m / frame.middle_m for lamp, g in zip(lamps, of_lamps, strict=True) for frame in g]
     narrowest = min([*radii, *([] if sun is None else [sun.half_angle_rad])], default=0.0)
-    size = slot_size(len(frames), _pixels_across(shot), narrowest)
+    widest_rad = 0.0
+    for placed in shot.casters:
+        radius = placed.mesh.radius_m * placed.scale
+        distance = float(np.linalg.norm(placed.to_world(placed.mesh.center_m) - view.position))
+        widest_rad = max(widest_rad, 2.0 * radius / max(distance - radius, 1e-3))
+    size = slot_size(len(frames), widest_rad * view.height / np.pi, narrowest)
     values, extents, clear = columns_of(frames, size, cache, scratch)
     # Describe their slots and the lights
     slots, lights = np.zeros((len(frames), 19)), np.zeros((HALO + 1 + len(lamps), 14))
@@ -158,16 +163,6 @@ def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
     finer = int(np.clip(round(_NARROW / view.width), 1, _MOST_RAYS // MAXIMUM_SUN_SAMPLES))
     rays, fans = _fans(finer * min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES))
     return Visibility(values, size, clear, slots, lights, rays, fans, max(_BIASED_SLOT / size, 1.0))
-
-
-def _pixels_across(shot: Shot) -> float:
-    """Return the width [pixels] of the body that is largest in the frame."""
-    widest = 0.0
-    for placed in shot.casters:
-        radius = placed.mesh.radius_m * placed.scale
-        distance = float(np.linalg.norm(placed.to_world(placed.mesh.center_m) - shot.view.position))
-        widest = max(widest, 2.0 * radius / max(distance - radius, 1e-3))
-    return widest * shot.view.height / np.pi
 
 
 @functools.cache

@@ -26,7 +26,6 @@ from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED, Lat
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.device import (
-    MeshBuffers,
     Places,
     ShadingInputs,
     Targets,
@@ -74,7 +73,7 @@ class ObjectPass:
         """Return the visible surfaces of a shot's objects."""
         sampled = PartOf(shot, shot.view, shot.draw.samples, shot.draw.shading)
         surfaces = self._cache.of(find_surfaces, sampled, list(shot.visible), self._cache)
-        if sum(map(len, surfaces.layers)) > _KEPT:
+        if sum(len(layer.triangle) for layer in surfaces.layers) > _KEPT:
             self._cache.drop(find_surfaces)
         return surfaces
 
@@ -89,15 +88,15 @@ class ObjectPass:
         listed, changed = self._body_list(shot, objects, ambient)
         bodies = list_texture(*listed, scratch=self._scratch), changed
         for number, fragments in enumerate(layers):
-            if len(fragments) == 0:
+            if len(fragments.triangle) == 0:
                 continue
             layer = PartOf((objects, surfaces.first, fragments), Same(fragments))
             parts = surfaces.cache.of(mesh_fragments, layer, keep=len(layers))
             blended = number < len(layers) - 1
-            values_of = self._light_up(lit, parts, len(fragments), bodies, blended, 0)
+            values_of = self._light_up(lit, parts, len(fragments.triangle), bodies, blended, 0)
             # The output variables count by what shows through the layers before
             if frame is not None:
-                halves = [self._light_up(lit, parts, len(fragments), bodies, blended, k) for k in (1, 2)]
+                halves = [self._light_up(lit, parts, len(fragments.triangle), bodies, blended, k) for k in (1, 2)]
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
                 of_names = np.concatenate(halves, axis=1)
                 values = {name: of_names[:, 4 * k : 4 * k + 3] for k, name in enumerate(SUMS)}
@@ -142,7 +141,12 @@ class ObjectPass:
         uniforms = light.uniforms | {"filter_width": filter_width(shot.draw.samples, shot.draw.shading)}
         for part in parts:
             # Give them the mesh, the bodies' values and the light, and compile what these need, and no more
-            of_mesh, defines = self._on_device(part.mesh, bodies[1].get(part.mesh), shot)
+            mesh, places, still = part.mesh, bodies[1].get(part.mesh), None
+            poses = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
+            if mesh.rest is not None:  # what all of its poses share
+                still, places = self._cache.of(upload_still, mesh.still, places, keep=_KEPT_MESHES), None
+            keep = _KEPT_MESHES if still is None else poses
+            of_mesh, defines = self._cache.of(upload_mesh, mesh, places, still, keep=keep)
             defines = {"OUTPUTS": outputs} | defines | light.defines
             defines |= {"BLENDED": 1} if blended else {}
             defines |= {"AMONG_BODIES": 1} if part.mesh in bodies[1] else {}
@@ -159,14 +163,6 @@ class ObjectPass:
             shaded = self._targets.shaded("layer", defines, textures, uniforms, len(part.listed), _CHANNELS[outputs])
             values[part.chosen] = shaded
         return values
-
-    def _on_device(self, mesh: Mesh, places: Places | None, shot: Shot) -> MeshBuffers:
-        """Return the device's copy of a mesh of a shot. places: its points of ambient light; None without them."""
-        if mesh.rest is None:
-            return self._cache.of(upload_mesh, mesh, places, keep=_KEPT_MESHES)
-        poses = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
-        shared = self._cache.of(upload_still, mesh.still, places, keep=_KEPT_MESHES)
-        return self._cache.of(upload_mesh, mesh, None, shared, keep=poses)
 
 
 def _entries(part: MeshFragments) -> moderngl.Texture:
@@ -280,7 +276,7 @@ def mesh_fragments(layer: PartOf[LayerOf]) -> list[MeshFragments]:
     objects, first, fragments = layer.whole
     body = np.searchsorted(first, fragments.triangle, side="right") - 1
     pixel = fragments.pixel()
-    listed = np.empty((len(fragments), 9), np.float32)
+    listed = np.empty((len(fragments.triangle), 9), np.float32)
     listed[:, 0] = fragments.triangle - first[body]
     listed[:, 1:3], listed[:, 3], listed[:, 4:] = fragments.place, body, fragments.area
     meshes: dict[Mesh, int] = {}
@@ -291,7 +287,8 @@ def mesh_fragments(layer: PartOf[LayerOf]) -> list[MeshFragments]:
         chosen = np.flatnonzero(of_mesh[body] == k)
         for start in range(0, len(chosen), _AT_ONCE):
             stretch = slice(start, start + _AT_ONCE)
-            part = stretch if len(chosen) == len(fragments) else chosen[stretch]  # of one mesh alone, no copies
+            # Of one mesh alone no copies are made
+            part = stretch if len(chosen) == len(fragments.triangle) else chosen[stretch]
             numbers = fragments.triangle[part]
             parts.append(MeshFragments(mesh, part, listed[part], numbers, pixel[part], fragments.weight[part]))
     return parts

@@ -69,12 +69,9 @@ class Fragments:
     weight: Floats
     gaps: Gaps = NO_GAPS
 
-    def __len__(self) -> int:
-        return len(self.triangle)
-
     def pixel(self) -> NDArray[np.int64]:
         """Return the pixel (n,) of each piece."""
-        return np.repeat(np.arange(len(self.row)), np.diff(np.append(self.first, len(self))))
+        return np.repeat(np.arange(len(self.row)), np.diff(np.append(self.first, len(self.triangle))))
 
 
 _NONE = np.zeros(0, np.int64)
@@ -133,7 +130,7 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
         blended = np.flatnonzero(clear)
     while len(layers) < BLEND_LAYERS and len(blended):
         found = _traced(view, shot.draw.samples, blended, inputs, len(layers))
-        if len(found) == 0:
+        if len(found.triangle) == 0:
             break
         layers.append(found)
     whole, rest = np.flatnonzero(shown.reshape(-1) > 0), np.flatnonzero(shown.reshape(-1) < 0)

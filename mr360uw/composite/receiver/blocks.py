@@ -526,11 +526,13 @@ def free_images(shot: Shot, reach: GroundReach, j: Indices, i: Indices, gaps: Ga
     missed[uneven] = np.abs(at_middle - four_corners(free, *asked).mean(axis=1)).max(axis=-1)
     crossed = _crossed(ground, field)
     uneven = ((missed > SMOOTH) | (near & (change > SMOOTH)) | crossed[j, i]) & ~broken
-    # Take it at every second pixel of these; where that misses it, and at edges of the ground, at each
+    # Take it between every four pixels of these; where that misses it, and at edges of the ground, at each
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
-        quarters = field.at(*_quarter_places(ground, shot.view.height, *of))
+        inside = np.arange(1.0, BLOCK, 2.0)
+        x, y = BLOCK * of[1][:, None, None] + inside, BLOCK * of[0][:, None, None] + inside[:, None]
+        quarters = field.at(*ground.meet(*np.broadcast_arrays(x, np.minimum(y, shot.view.height))))
         values = np.maximum(enlarged(quarters), 0.0)  # past the outer samples lines go on
         sharp = crossed[of] | (missed_between(quarters) > SMOOTH)
         if np.any(sharp):
@@ -570,13 +572,6 @@ def _crossed(ground: Ground, field: GroundField) -> NDArray[np.bool_]:
                 i, j = np.floor(x + right * wide).astype(np.int64) % width, np.floor(y + down).astype(np.int64)
                 crossed[np.clip(j, 0, height - 1) // BLOCK, i // BLOCK] = True
     return crossed
-
-
-def _quarter_places(ground: Ground, height: int, j: Indices, i: Indices) -> tuple[Floats, Floats]:
-    """Return points and normals (n, B/2, B/2, 3) of the receiver between every four pixels of blocks."""
-    inside = np.arange(1.0, BLOCK, 2.0)
-    x, y = BLOCK * i[:, None, None] + inside, BLOCK * j[:, None, None] + inside[:, None]
-    return ground.meet(*np.broadcast_arrays(x, np.minimum(y, height)))
 
 
 def missed_between(images: NDArray[np.float32]) -> NDArray[np.float32]:
