@@ -511,6 +511,10 @@ class CausticStack(Shown):
         Unit vector (3,) towards the sun, in the water.
     soft : ndarray or None
         The ratio (D, size, size, 1) of the light that the water has turned by small angles; None: even.
+    slopes : tuple of ndarray
+        How waves turn the beam that falls on a ground, (1, s, s, 3) and its halves down to one pixel: mean slope x and
+        z of its light over that below a flat surface, in metres across for each of depth, and the radius of a disc
+        as wide as its spread about the mean. Empty where no ground was named.
 
     See Also
     --------
@@ -530,6 +534,7 @@ class CausticStack(Shown):
     tile_m: float
     sun_direction: Floats
     soft: Floats | None = None
+    slopes: tuple[Floats, ...] = ()
 
     def __repr__(self) -> str:
         depth, contrast = self.depth_m, np.std(self.ratio, axis=(1, 2))[:, 1]
@@ -542,11 +547,6 @@ class CausticStack(Shown):
         shown = np.linspace(0, len(self.depth_m) - 1, min(len(self.depth_m), _PLANES_SHOWN)).astype(int)
         side_by_side = np.concatenate([self.ratio[plane] for plane in shown], axis=1)
         return Figure("irradiance ratio, white is 4, shallow to deep", image=side_by_side / _RATIO_SHOWN)
-
-    @property
-    def softened(self) -> bool:
-        """Whether light that has turned has a pattern."""
-        return self.soft is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -300,7 +300,7 @@ def _open_planes(bench: Workbench) -> Workload:
 
 def _stack(bench: Workbench, depths_m: Floats, settings: CausticSettings, time_s: float = 0.0) -> CausticStack:
     backend = bench.backend
-    return backend.caustics(SEA, _SUN_IN_AIR, depths_m, time_s, settings, REFRACTIVE_INDEX_SEA, None)
+    return backend.caustics(SEA, _SUN_IN_AIR, depths_m, time_s, settings, REFRACTIVE_INDEX_SEA, None, None)
 
 
 def _read(stack: CausticStack, x_m: Floats, depth_m: Floats, z_m: Floats) -> Floats:

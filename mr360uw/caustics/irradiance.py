@@ -37,8 +37,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.cache import shared
+from mr360uw.base.caustic_lookup import mip_levels
 from mr360uw.base.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.base.optics import check_refractive_index, refract_clamped
 
@@ -155,6 +157,7 @@ def caustic_stack(
     settings: CausticSettings | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
     spread: BeamSpread | None = None,
+    ground_m: float | None = None,
 ) -> CausticStack:
     """Return the irradiance ratio on several planes, along the beam.
 
@@ -176,6 +179,8 @@ def caustic_stack(
         Index of the water at 550 nm relative to air, above 1 and up to 4.
     spread : BeamSpread, optional
         Spread of the light that the water turns by small angles; None: without its pattern.
+    ground_m : float, optional
+        Depth [m] of the ground on which bodies cast shadows, whose `slopes` are then found.
 
     Returns
     -------
@@ -222,7 +227,113 @@ def caustic_stack(
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(draw, range(len(depths) * len(lights))))  # to see their errors
-    return CausticStack(np.broadcast_to(maps, (*maps.shape[:3], 3)), depths, sea.tile_m, sun_in_water, soft)
+    ratio = np.broadcast_to(maps, (*maps.shape[:3], 3))
+    slopes: tuple[Floats, ...] = ()
+    if ground_m is not None:
+        light = lights[len(lights) // 2]
+        rays = wrapped(np.concatenate([light.origin, light.slope - travel], axis=-1), sea.tile_m, columns=(0, 1))
+        corners, flux = np.moveaxis(rays, -1, 0).copy(), light.flux.sum(axis=-1)
+        slopes = slopes_of(corners, flux, ground_m, sea, sun, s, refractive_index)
+    return CausticStack(ratio, depths, sea.tile_m, sun_in_water, soft, slopes)
+
+
+# --- Slopes of the beam on the ground -------------------------------------------------------------------------------
+
+# Light that waves have bent casts bent shadows: on the ground below a body it arrives along a slope of its own, which
+# differs from place to place. A place gets light from one cell of the surface, or behind a fold from three or more.
+# Its mean slope moves the edge of a shadow there, in straight pieces along the cells of the caustics, and its spread
+# about the mean softens it, as a wider sun would. Both follow from sums over the light w of rays of slope s that fall
+# into a pixel:
+#
+#     mean m = sum(w s) / sum(w)        spread v = sum(w |s|^2) / sum(w) - |m|^2
+#
+# A disc of radius r has the variance r^2/4 along each axis, so r = sqrt(2 v). Sums add up over pixels: the slopes over
+# a footprint are those of the level whose pixels are as wide. Against photons that a ball stops 2 m above the ground,
+# in 3 m/s of wind, light within 0.2 m of the edge is off by 0.06, where that of parallel light is off by 0.26.
+
+
+_SLOPE_M = 0.07
+"""Width [m] of a pixel of the maps of slopes, at most: half as wide, they are nearer to photons by a twentieth."""
+_DARK = 0.02
+"""Light of a pixel over the mean that is added to the denominators: what is darker shows no edge."""
+_MOST_POINTS = 64
+"""Points across one cell that stand for its light in these maps, at most."""
+
+
+def slopes_of(
+    corners: Floats, flux: Floats, depth_m: float, sea: Sea, sun: Floats, settings: CausticSettings,
+    refractive_index: float,
+) -> tuple[Floats, ...]:  # fmt: skip
+    """Return `CausticStack.slopes` of cells on a plane.
+
+    corners: (4, N + 1, N + 1), where rays cross the mean surface x, z [m], and their slopes x, z over that of the beam.
+    flux: (N, N) of the cells, of any sum.
+    """
+    size = min(settings.size, 1 << math.ceil(math.log2(max(sea.tile_m / _SLOPE_M, 1.0))))
+    sums, short = np.zeros((size, size, 4), np.float32), _short_waves(tuple(sun.tolist()), refractive_index, sea)
+    _sum_slopes(corners, flux * (size * size / flux.sum()), depth_m, size / sea.tile_m, sums)
+    # Mean and spread of every level; waves that are too short for the cells spread it further
+    levels = []
+    for level in mip_levels(sums[None]):
+        light = level[..., :1] + np.float32(_DARK)
+        mean = level[..., 1:3] / light
+        spread = level[..., 3:] / light - np.sum(mean * mean, axis=-1, keepdims=True)
+        radius = np.sqrt(2.0 * (np.maximum(spread, 0.0) + np.float32(short)))
+        levels.append(np.concatenate([mean, radius], axis=-1))
+    return tuple(levels)
+
+
+@shared(keep=8)
+def _short_waves(sun: tuple[float, ...], refractive_index: float, sea: Sea) -> float:
+    """Return the variance of the beam's slopes that waves too short for the cells make."""
+    return float(np.sum(detail_footprint(np.array(sun), refractive_index, sea.blur_slope, 1.0) ** 2))
+
+
+@exact
+def _sum_slopes(corners: Floats, flux: Floats, depth_m: float, scale: float, sums: NDArray[np.float32]) -> None:
+    """Add the light of cells on a plane to sums (size, size, 4) over pixels: of w, w s (2) and w |s|^2, as points
+    shared bilinearly by four pixels. corners, flux: of `slopes_of`. scale: pixels for a metre.
+    """
+    cells, size = len(flux), len(sums)
+    last = size - 1  # a power of two less one, whose bits are those of places in the tile
+    at = np.empty((4, 4))
+    for j in range(cells):
+        for i in range(cells):
+            # Points a pixel and a half apart, along the longest side of its image
+            for k in range(4):
+                for field in range(4):
+                    at[k, field] = corners[field, j + k // 2, i + k % 2]
+            side = 1.0
+            for k, m in ((0, 1), (0, 2), (3, 1), (3, 2)):
+                x = (at[k, 0] - at[m, 0] + (at[k, 2] - at[m, 2]) * depth_m) * scale
+                z = (at[k, 1] - at[m, 1] + (at[k, 3] - at[m, 3]) * depth_m) * scale
+                side = max(side, x * x + z * z)
+            across = min(math.ceil(math.sqrt(side) / 1.5), _MOST_POINTS)
+            step = 1.0 / across
+            light = flux[j, i] * step * step
+            for row in range(across):
+                t = (row + 0.5) * step
+                for column in range(across):
+                    s = (column + 0.5) * step
+                    a, b, c, d = (1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t
+                    slope_x = a * at[0, 2] + b * at[1, 2] + c * at[2, 2] + d * at[3, 2]
+                    slope_z = a * at[0, 3] + b * at[1, 3] + c * at[2, 3] + d * at[3, 3]
+                    x = a * at[0, 0] + b * at[1, 0] + c * at[2, 0] + d * at[3, 0] + slope_x * depth_m
+                    z = a * at[0, 1] + b * at[1, 1] + c * at[2, 1] + d * at[3, 1] + slope_z * depth_m
+                    u, v = x * scale - 0.5, z * scale - 0.5
+                    left, top = math.floor(u), math.floor(v)
+                    fx, fz = u - left, v - top
+                    i0, j0 = int(left) & last, int(top) & last
+                    i1, j1 = (i0 + 1) & last, (j0 + 1) & last
+                    for p, q, weight in (
+                        (j0, i0, (1.0 - fx) * (1.0 - fz)), (j0, i1, fx * (1.0 - fz)),
+                        (j1, i0, (1.0 - fx) * fz), (j1, i1, fx * fz),
+                    ):  # fmt: skip
+                        lit = light * weight
+                        sums[p, q, 0] += lit
+                        sums[p, q, 1] += lit * slope_x
+                        sums[p, q, 2] += lit * slope_z
+                        sums[p, q, 3] += lit * (slope_x * slope_x + slope_z * slope_z)
 
 
 @functools.cache

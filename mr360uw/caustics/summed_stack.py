@@ -26,7 +26,13 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import shared
 from mr360uw.base.optics import into_water
-from mr360uw.caustics.irradiance import STEEPEST_RAY, RefractedBeam, caustic_stack, pass_indices
+from mr360uw.caustics.irradiance import (
+    STEEPEST_RAY,
+    RefractedBeam,
+    caustic_stack,
+    pass_indices,
+    slopes_of,
+)
 from mr360uw.caustics.settings import CausticSettings, Sea, cells_across, grid_of
 from mr360uw.caustics.sun_disc import (
     GAUSSIAN_STEP,
@@ -74,10 +80,11 @@ def summed_stack(
     settings: CausticSettings,
     refractive_index: float,
     spread: BeamSpread | None,
+    ground_m: float | None = None,
 ) -> CausticStack:
     """Return the stack of `irradiance.caustic_stack` in single precision.
 
-    sun_in_air: unit direction (3,) above the horizon. depths_m: (D,), ascending.
+    sun_in_air: unit direction (3,) above the horizon. depths_m: (D,), ascending. ground_m: for its slopes.
     """
     from scipy.fft import irfft2
 
@@ -95,7 +102,7 @@ def summed_stack(
         edge, share = cell_corners(rays, corners), (flux / flux.sum()).astype(np.float32)
         lights.append(_Cells(sea, blur_slope, sun_in_air, time_s, settings, index, travel, corners, share, edge))
     if len(lights) < len(indices):
-        return caustic_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
+        return caustic_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread, ground_m)
 
     # Draw every plane, and that of the middle colour also as the light that has turned
     size, middle = settings.size, len(indices) // 2
@@ -108,8 +115,12 @@ def summed_stack(
             if soft is not None and turned is not None and number == middle:
                 spectrum *= _soft_factor(turned, tuple(sun_in_water.tolist()), depth_m, size, sea.tile_m)
                 np.maximum(irfft2(spectrum, s=(size, size)), 0.0, out=soft[plane, ..., 0])
-    ratio = np.moveaxis(maps, 0, -1)
-    return CausticStack(np.broadcast_to(ratio, (*ratio.shape[:3], 3)), depths_m, sea.tile_m, sun_in_water, soft)
+    slopes: tuple[Floats, ...] = ()
+    if ground_m is not None:
+        cells_of_middle = lights[middle].corners, lights[middle].flux
+        slopes = slopes_of(*cells_of_middle, ground_m, sea, sun_in_air, settings, refractive_index)
+    ratio = np.broadcast_to(np.moveaxis(maps, 0, -1), (*maps.shape[1:], 3))
+    return CausticStack(ratio, depths_m, sea.tile_m, sun_in_water, soft, slopes)
 
 
 @shared(keep=8)

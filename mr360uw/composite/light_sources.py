@@ -29,10 +29,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, PartOf, Same
-from mr360uw.base.caustic_lookup import caustic_lookup, levels_of, soft_caustic_lookup
+from mr360uw.base.caustic_lookup import (
+    caustic_lookup,
+    levels_of,
+    mip_level,
+    periodic_trilinear,
+    soft_caustic_lookup,
+)
 from mr360uw.base.constants import MINIMUM_SUN_UP
 from mr360uw.base.rays import PlacedScene, RayScene
-from mr360uw.base.sphere import basis, disc_directions, disc_offsets, effective_half_angle
+from mr360uw.base.sphere import basis, disc_directions, disc_offsets, effective_half_angle, unit
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.raycast import Geometry, gather, opacity_key, surfaces_along
 from mr360uw.composite.shot import LightSample, PlacedObject, Shot
@@ -83,6 +89,40 @@ def widest_half_angle(shot: Shot) -> float:
     return 0.0 if sun is None else float(effective_half_angle(sun.half_angle_rad, spread_rad(shot)))
 
 
+def ground_slopes(shot: Shot, point: Floats, sides: Floats | None = None) -> Floats:
+    """Return how waves turn the beam at points (n, 3) of the ground, `CausticStack.slopes` (n, 3) as means over
+    footprints; (0, 3) where they do not.
+
+    sides: (n, 2, 3) [m] of the footprints; None for points.
+    """
+    stack = shot.caustics
+    if stack is None or not stack.slopes:
+        return np.zeros((0, 3))
+    width_m = np.zeros(len(point))
+    if sides is not None:
+        (ax, ay, az), (bx, by, bz) = np.moveaxis(sides, 0, -1)
+        width_m = np.sqrt(np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2))
+    # Follow the beam up to the mean surface, and read the level whose pixels are as wide
+    level = mip_level(width_m, stack.tile_m / stack.slopes[0].shape[1], len(stack.slopes) - 1.0)
+    place = (
+        point + shot.view.position + (shot.view.depth_of(point) / stack.sun_direction[1])[:, None] * stack.sun_direction
+    )
+    u, v = place[:, 0] / stack.tile_m, place[:, 2] / stack.tile_m
+    return periodic_trilinear(stack.slopes, np.zeros(len(point), np.int64), u, v, level)
+
+
+_BOUND = 0.02
+"""Step of `steepest_slope`: one that changed with every frame would let nothing be kept from frame to frame."""
+
+
+def steepest_slope(shot: Shot) -> float:
+    """Return how far waves turn all but a twentieth of the beam on the ground, in metres across for each along it."""
+    if shot.caustics is None or not shot.caustics.slopes:
+        return 0.0
+    mean_x, mean_z, radius = np.moveaxis(shot.caustics.slopes[0], -1, 0)
+    return _BOUND * math.ceil(float(np.quantile(np.hypot(mean_x, mean_z) + radius, 0.95)) / _BOUND)
+
+
 class SunSource:
     """The sun of a shot as a `LightSource`. blockers: None for no shadows."""
 
@@ -110,7 +150,7 @@ class SunSource:
         depth, world = shot.view.depth_of(point), point + shot.view.position
         place = world[:, 0], depth, world[:, 2], footprint_m
         contrast = 1.0 if shot.medium is None else unscattered_share(shot.medium, depth, self._up)
-        if shot.medium is not None and shot.caustics.softened:
+        if shot.medium is not None and shot.caustics.soft is not None:
             return soft_caustic_lookup(shot.caustics, *self._levels, *place, contrast)
         ratio = caustic_lookup(shot.caustics, self._levels[0], *place)
         return 1.0 + (ratio - 1.0) * contrast
@@ -119,21 +159,34 @@ class SunSource:
     def _levels(self) -> tuple[list[Floats], list[Floats]]:
         return levels_of(self._shot.caustics)
 
-    def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
+    def visibility(self, start: Floats, sides: Floats | None = None, *, on_ground: bool = False) -> Floats:
         """Return the visible fraction (n,) of the beam: of the disc and the halo, by their fractions of the light."""
         if self._blockers is None or not self._blockers.there:
             return np.ones(len(start))
-        seen, scattered = self._disc_seen(start, sides, self._sun.half_angle_rad), scattered_share(self._shot, start)
+        slopes = ground_slopes(self._shot, start, sides) if on_ground else np.zeros((0, 3))
+        seen = self._disc_seen(start, sides, self._sun.half_angle_rad, slopes)
+        scattered = scattered_share(self._shot, start)
         if np.any(scattered):
-            seen = seen + scattered * (self._disc_seen(start, sides, widest_half_angle(self._shot)) - seen)
+            halo = self._disc_seen(start, sides, widest_half_angle(self._shot), np.zeros((0, 3)))
+            seen = seen + scattered * (halo - seen)
         return seen
 
-    def _disc_seen(self, start: Floats, sides: Floats | None, half_angle_rad: float) -> Floats:
-        blockers = self._blockers
+    def _disc_seen(self, start: Floats, sides: Floats | None, half_angle_rad: float, slopes: Floats) -> Floats:
+        """Return the visible fraction (n,) of a disc about the sun. slopes: (n, 3) of `ground_slopes`, or (0, 3)."""
+        blockers, sun = self._blockers, self._sun.direction
         assert blockers is not None
         count = REFERENCE_SUN_FACTOR * self._shot.draw.sun_samples
-        directions = disc_directions(self._sun.direction, half_angle_rad, count)
-        return visible_fraction(lambda k, begin, _: blockers.passed(begin, directions[k]), start, sides, count)
+        if not len(slopes):
+            directions = disc_directions(sun, half_angle_rad, count)
+            return visible_fraction(lambda k, begin, _: blockers.passed(begin, directions[k]), start, sides, count)
+        # Rays about the mean direction at each point, over a disc that is wider by the spread there
+        bent = unit(sun / sun[1] - np.insert(slopes[:, :2], 1, 0.0, axis=1))
+        radius, offsets = np.hypot(np.tan(half_angle_rad), slopes[:, 2] * sun[1]), disc_offsets(count) @ basis(sun)[:2]
+
+        def passed(k: NDArray[np.int64], begin: Floats, of: NDArray[np.int64]) -> Floats:
+            return blockers.passed(begin, unit(bent[of] + radius[of, None] * offsets[k]))
+
+        return visible_fraction(passed, start, sides, count)
 
 
 def lamps_of(shot: Shot) -> tuple[Lamp, ...]:
@@ -176,7 +229,13 @@ class LampSource:
         """Return 1: waves do not refract this light."""
         return np.ones((len(point), 3))
 
-    def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
+    def visibility(
+        self,
+        start: Floats,
+        sides: Floats | None = None,
+        *,
+        on_ground: bool = False,  # noqa: ARG002 - waves do not turn this light
+    ) -> Floats:
         """Return the visible fraction (n,) of the ball, taken as a disc that faces each point."""
         if self._blockers is None or not self._blockers.there:
             return np.ones(len(start))
@@ -208,7 +267,7 @@ LightSource = SunSource | LampSource
 variable: name of the output variable of its light. in_plate: whether it already lights the plate. `arrival`: its light
 at points (n, 3). `pattern`: the caustic factor (n, 3), a mean over footprints (n,) [m]. `visibility`: the fraction (n,)
 of the source that bodies leave visible from points (n, 3); with the sides (n, 2, 3) [m] of parallelograms about these,
-the means over them.
+the means over them; on the ground waves turn the sun's beam.
 """
 
 

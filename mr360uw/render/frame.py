@@ -257,7 +257,9 @@ def shot_at(
     if not sun or not loaded.plan.caustics.runs:
         return shot
     depths = loaded.caustic_depths
-    return replace(shot, caustics=_caustics(loaded, backend, shot, depths.settings, depths.planes(shot), time_s, cache))
+    planes, ground_m = depths.planes(shot), depths.shadow_m(shot)
+    stack = _caustics(loaded, backend, shot, depths.settings, planes, time_s, cache, ground_m)
+    return replace(shot, caustics=stack)
 
 
 def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache: Cache) -> ShaftInput | None:
@@ -282,11 +284,11 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache
 
 def _caustics(
     loaded: Loaded, backend: Backend, shot: Shot, settings: CausticSettings, depths_m: Floats, time_s: float,
-    cache: Cache,
+    cache: Cache, ground_m: float | None = None,
 ) -> CausticStack | None:  # fmt: skip
     """Return a backend's caustics of a shot's sun, for its bodies or for the water; None where it makes none.
 
-    depths_m: (n,) of their planes.
+    depths_m: (n,) of their planes. ground_m: depth of the ground that shadows fall on.
     """
     sun, medium, sea = sun_of(shot), loaded.surroundings.medium, loaded.scene.sea
     if sun is None or medium is None:
@@ -295,7 +297,8 @@ def _caustics(
     in_air = into_air(sun.direction, index)
     if in_air[1] < _LOWEST_SUN:
         return None
-    return cache.of(backend.caustics, sea, in_air, depths_m, time_s, settings, index, spread_of(medium), keep=2)
+    spread = spread_of(medium)
+    return cache.of(backend.caustics, sea, in_air, depths_m, time_s, settings, index, spread, ground_m, keep=2)
 
 
 def draw_layer(
@@ -403,9 +406,12 @@ def not_finite(result: object, name: str = "it") -> str:
 
 
 BackendName = Literal["auto", "gl", "reference"]
-CausticsOf = Callable[[Sea, Floats, Floats, float, CausticSettings, float, BeamSpread | None], CausticStack]
+CausticsOf = Callable[
+    [Sea, Floats, Floats, float, CausticSettings, float, BeamSpread | None, float | None], CausticStack
+]
 """Caustics of a sea under the direction of a sun in air (3,), on planes at depths (n,) [m], at a time [s]; with the
-refractive index of the water, and the spread of the beam that it turns by small angles."""
+refractive index of the water, the spread of the beam that it turns by small angles, and the depth [m] of the ground
+that shadows fall on."""
 
 
 class Reference:

@@ -335,13 +335,16 @@ class CausticDepths:
     """Depth planes of a scene's caustics, and its settings with the map size reduced to what the frame resolves.
 
     ground: depth range of a receiver that is no plane and shows caustics, or None. snow_m: distance from the camera up
-    to which particles need planes; 0 beside objects, whose planes particles take.
+    to which particles need planes; 0 beside objects, whose planes particles take. shadows: whether bodies cast any on
+    the ground; level_m: its depth, None where it is no plane.
     """
 
     ladder: PlaneLadder
     ground: Span | None
     settings: CausticSettings
     snow_m: float = 0.0
+    shadows: bool = False
+    level_m: float | None = None
 
     @classmethod
     def of(
@@ -396,7 +399,10 @@ class CausticDepths:
             float(np.linalg.norm(blurred, -2)),
         )  # fmt: skip
         ladder = PlaneLadder.of_scene(reaches, heights, flat, settings.planes)
-        return cls(ladder, ground, settings.model_copy(update={"size": size}), snow_m)
+        shadows = scene.receiver is not None and scene.receiver.shadow and settings.method == "exact"
+        plane_y = None if receiver is None else receiver.plane_y
+        level_m = None if plane_y is None else surface - plane_y
+        return cls(ladder, ground, settings.model_copy(update={"size": size}), snow_m, shadows, level_m)
 
     def water_planes(self, shot: Shot, deepest_m: float) -> Floats:
         """Return the depths (n,) [m] of the planes of the water between the camera and a shot's objects, ascending.
@@ -410,6 +416,17 @@ class CausticDepths:
             depths += [float(levels.min()), float(levels.max())]
         span = tuple(max(depth, _SHALLOWEST_M) for depth in (min(depths), max(depths)))
         return _WATER_LADDER.around([(span[0], span[1])])
+
+    def shadow_m(self, shot: Shot) -> float | None:
+        """Return the depth [m] of the ground that a shot's shadows fall on, that of the lowest body where it is not
+        level; None where none do.
+        """
+        if not self.shadows or not shot.casters:
+            return None
+        if self.level_m is not None:
+            return self.level_m
+        lowest = min(float(placed.to_world(placed.mesh.hull)[..., 1].min()) for placed in shot.casters)
+        return max(shot.view.surface_y_m - lowest, 0.0)
 
     @property
     def of_water(self) -> CausticSettings:

@@ -232,7 +232,7 @@ def _caustic_chart(shown: ShownFrame) -> Codes:
     medium = shown.loaded.surroundings.medium
     spread = spread_of(medium) if medium is not None else None
     in_air = refract_to_air(sun.direction, index)
-    stack = shown.renderer.caustics(scene.sea, in_air, np.array([depth]), shown.time_s, settings, index, spread)
+    stack = shown.renderer.caustics(scene.sea, in_air, np.array([depth]), shown.time_s, settings, index, spread, None)
     # Draw one tile, its brightest lines white, with figures
     ratio = stack.ratio[0]
     white = max(float(np.percentile(ratio, 99.8)), 2.0)

@@ -99,3 +99,12 @@ over log k, those of a spectrum lie about its peak or fall into the part that th
 endless fetch once had was four times as steep and more."""
 PHILLIPS_HELD = 0.03
 """Variance of a spectrum that a lattice holds: sums for integrals, and waves longer or shorter than those."""
+
+SLOPE_ROUNDING = 1e-6
+"""Slopes below a flat sea: sums in single precision."""
+SLOPE_OF_A_RAY = 4e-4
+"""Slopes at places that single rays reach: a pixel of 7 cm is a mean over a hundredth of a wave of 8 m."""
+SLOPES_SUMMED = 3e-3
+"""RMS of slopes from coarser cells against those of all of them: a tenth of what there is."""
+BENT_SHADOW = 0.075
+"""RMS of the light at the edge of a shadow against photons, whose noise in squares of 3 cm adds 0.025."""

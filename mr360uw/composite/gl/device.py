@@ -267,7 +267,7 @@ class ShadingTextures:
         if sun is not None:
             of_sun = {
                 "SUN": True, "SHADOW": len(shot.casters) > 0, "CAUSTICS": stack is not None,
-                "SOFT": stack is not None and stack.softened, "HALO": widest > sun.half_angle_rad,
+                "SOFT": stack is not None and stack.soft is not None, "HALO": widest > sun.half_angle_rad,
             }  # fmt: skip
             defines = dict.fromkeys(filter(of_sun.get, of_sun), 1)
         defines |= {"MEDIUM": 1} if medium is not None else {}

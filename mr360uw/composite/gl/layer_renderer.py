@@ -21,7 +21,13 @@ from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.gl.device import ShadingInputs, ShadingTextures, Targets, list_texture
 from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of
 from mr360uw.composite.gl.object_pass import ObjectPass
-from mr360uw.composite.light_sources import scattered_share, sun_of, widest_half_angle
+from mr360uw.composite.light_sources import (
+    ground_slopes,
+    scattered_share,
+    steepest_slope,
+    sun_of,
+    widest_half_angle,
+)
 from mr360uw.composite.raycast import object_rectangles
 from mr360uw.composite.receiver.blocks import (
     SMOOTH,
@@ -165,7 +171,8 @@ class ReceiverPass:
         shaded = reach.shaded & ("SHADOW" in light.defines)
         through = None if shot.medium is None else Same(shot.medium.unscattered)
         of_blocks = PartOf(reach, Same(ground), shaded, reach.lamplit)
-        alike = PartOf((shot, light), light.visibility.of_sun, through, shot.receiver)
+        turned = () if shot.caustics is None else shot.caustics.slopes
+        alike = PartOf((shot, light), light.visibility.of_sun, through, turned, shot.receiver)
         sight = self._cache.of(self._sight, alike, of_blocks, shaded, "CAUSTICS" in of_sun, gaps, keep=2)
         reach.corner[(*sight.at, SEEN)] = sight.value
         # Leave out the blocks that do not change by the light at their corners
@@ -222,18 +229,25 @@ class ReceiverPass:
         places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], reach
         footprints = np.zeros((len(places), 12))
         footprints[:, :3] = places[:, :3]
-        visible = light.visibility.seen(footprints, (DISC, HALO))
+        slopes, steepest = ground_slopes(shot, places[:, :3]), steepest_slope(shot)
+        visible = light.visibility.seen(footprints, (DISC, HALO), slopes=slopes)
         scattered = scattered_share(shot, np.array([[0.0, plane_m, 0.0]]) if level else places[:, :3])
         visible[:, 0] = _of_beam(visible, scattered)
         at_corners = np.zeros((2, shaded.shape[0] + 1, shaded.shape[1] + 1), np.float32)
         at_corners[:, cj, ci] = visible[: len(cj)].T
-        (seen, halo_seen), (kept, gap) = visible[len(cj) :].T, light.visibility.hidden(places[len(cj) :]).T
+        (seen, halo_seen), (kept, gap) = visible[len(cj) :].T, light.visibility.hidden(places[len(cj) :], steepest).T
         # Penumbrae that are narrow, or not straight between corners and middle, are edges
         of_disc, of_halo = 2.0 * np.tan(sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
+        bent: NDArray[np.bool_] | bool = False
+        if shot.caustics is not None and len(
+            slopes
+        ):  # waves widen them, and bend them from pixel to pixel of their map
+            of_disc = np.hypot(of_disc, 2.0 * slopes[len(cj) :, 2] * gap)
+            bent = reach > shot.caustics.tile_m / shot.caustics.slopes[0].shape[1]
         sun_four, halo_four = four_corners(at_corners[0], mj, mi), four_corners(at_corners[1], mj, mi)
         missed = np.abs(seen - sun_four.mean(axis=1))
         narrow = np.where(kept == _PART_OF_DISC, of_disc, of_halo) < _WIDE * reach
-        sharp = narrow | (missed > _HALVED * SMOOTH)
+        sharp = narrow | (missed > _HALVED * SMOOTH) | bent
         found = (sharp | (missed > SMOOTH)) & (kept > 0.0) & (kept < _WHOLE_DISC)
         umbra[mj, mi], edge[mj, mi] = kept == _WHOLE_DISC, found
         missed = np.abs(halo_seen - halo_four.mean(axis=1)) * scattered[-len(mj) :]
@@ -306,7 +320,8 @@ class ReceiverPass:
         if "SHADOW" in wanted:
             known = np.full((len(footprints), 2), -1.0)
             known[:, 1] = _within(halo, side).ravel()
-            seen = light.visibility.seen(footprints, (DISC, HALO), known=known)
+            slopes = ground_slopes(shot, footprints[:, :3], footprints[:, 3:9].reshape(-1, 2, 3))
+            seen = light.visibility.seen(footprints, (DISC, HALO), known=known, slopes=slopes)
             of_beam = _of_beam(seen, scattered_share(shot, footprints[: 1 if shape is None else None, :3]))
             named["seen"] = np.asarray(of_beam, np.float32).reshape(-1, side, side, 1)
         if wanted & {"CAUSTICS", "ROUGH"}:

@@ -57,6 +57,8 @@ DISC, HALO = 0, 1
 _TOGETHER = 16
 """Footprints whose rays are traced side by side, because compilers make vectors of long loops. Half as many: 4 %
 slower; twice as many: as fast."""
+_STRAIGHT = np.zeros((0, 3))
+"""Slopes of light that waves do not turn."""
 ALL_RAYS, HALF_OF_RAYS, ONE_RAY = 0, 1, 2
 """Numbers of the fans of rays: all, each second one of them, and one, for lights that are points."""
 
@@ -105,26 +107,40 @@ class Visibility:
         """Slots and what is in them, as the kernels take them."""
         return self.slots, self.values, self.size, self.clear
 
-    def hidden(self, places: Floats) -> Floats:
+    def hidden(self, places: Floats, steepest: float = 0.0) -> Floats:
         """Return for balls (n, 4), middle and radius, which of the sun's lights bodies may hide (n, 2): 0 neither, 1
         the halo, 2 part of the disc, 3 all of both; and the distance [m] to the nearest such body.
+
+        steepest: how far waves turn any of the beam, of `light_sources.steepest_slope`.
         """
-        found = np.empty((len(places), 2))
-        _find_hidden(places, self.lights, self._columns, found)
+        found, lights = np.empty((len(places), 2)), self.lights[: HALO + 1].copy()
+        lights[DISC, 2] += steepest
+        lights[HALO, 2] = max(lights[DISC, 2], lights[HALO, 2])
+        _find_hidden(places, lights, self._columns, found)
         return found
 
     def seen(
-        self, footprints: Floats, lights: Sequence[int], fan: int = ALL_RAYS, known: Floats | None = None
-    ) -> Floats:
+        self, footprints: Floats, lights: Sequence[int], fan: int = ALL_RAYS, known: Floats | None = None,
+        slopes: Floats = _STRAIGHT,
+    ) -> Floats:  # fmt: skip
         """Return the visible fractions (n, k) of lights of these numbers, means over footprints.
 
         footprints: (n, 12) of each its middle, two sides and, for lamps, the normal of its surface. fan: of the halo.
-        known: (n, k) fractions that are known already; negative where they are not.
+        known: (n, k) fractions that are known already; negative where they are not. slopes: (n, 3) of `ground_slopes`,
+        by which waves turn the sun's disc, which is then the first of the lights; (0, 3) where they do not.
         """
         of_lights = self.lights[list(lights)]
         fans = [fan if k == HALO else ALL_RAYS if k == DISC or self.lights[k, 8] > 0.0 else ONE_RAY for k in lights]
         found = np.full((len(footprints), len(of_lights)), -1.0) if known is None else known.copy()
-        _see(footprints, of_lights, np.array(fans, np.int64), self._columns, (self.rays, self.fans), found)
+        turned = _STRAIGHT
+        if len(slopes):
+            # From metres across for each of depth to those of the slots, along the sun's direction
+            axes = self.slots[0, 7:16].reshape(3, 3)
+            sun = np.append(self.lights[DISC, 3:5], 1.0) @ axes
+            sun /= sun[1]
+            across = (sun - np.insert(slopes[:, :2], 1, 0.0, axis=1)) @ axes.T
+            turned = np.column_stack([across[:, :2] / across[:, 2:], slopes[:, 2] / np.linalg.norm(sun)])
+        _see(footprints, of_lights, np.array(fans, np.int64), self._columns, (self.rays, self.fans), turned, found)
         return found
 
 
@@ -390,17 +406,18 @@ powers."""
 
 
 @fast
-def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any, seen: Any) -> None:
+def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any, turned: Any, seen: Any) -> None:
     """Set the visible fractions (n, k) of lights that are negative. of_fans: (k,) number of each light's fan. columns:
-    slots, values, size and clear of `Visibility`, rays_of: its rays and fans.
+    slots, values, size and clear of `Visibility`, rays_of: its rays and fans. turned: (n, 3) slope of the middle of the
+    first light, across over along, and radius by which it is wider; (0, 3) where these are its own.
     """
     (slots, values, size, clear), (fans_of, fans) = columns, rays_of
     near = np.empty((len(slots), _TOGETHER), np.bool_)
     asked, mine = np.empty(_TOGETHER, np.int64), np.empty(_TOGETHER, np.int64)
     facing, hidden = np.empty(_TOGETHER), np.empty(_TOGETHER)
     # Arrays of their own: rows of one would have to be taken for overlapping
-    feet = _three(_TOGETHER), _three(_TOGETHER), _three(_TOGETHER), np.empty(_TOGETHER, np.float32)
-    rays, outcome = (_three(_ROOM), _three(_ROOM), _three(_ROOM)), _three(_ROOM)
+    feet = _three(_TOGETHER), _three(_TOGETHER), _three(_TOGETHER), np.empty(_TOGETHER, np.float32), _three(_TOGETHER)
+    rays, outcome = (_three(_ROOM), _three(_ROOM), _three(_ROOM), np.empty(_ROOM, np.float32)), _three(_ROOM)
     found_at, four = (np.empty(_ROOM, np.int32), np.empty(_ROOM, np.int32)), np.empty(4 * _ROOM, np.float32)
     room, blocked = (_three(_ROOM), _three(_ROOM), found_at, _three(_ROOM), _three(_ROOM), four), outcome[2]
     for begin in range(0, len(footprints), _TOGETHER):
@@ -408,7 +425,7 @@ def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any,
             light, fan, numbers = lights[number], fans_of[of_fans[number]], fans[of_fans[number]]
             first, end = int(light[0]), int(light[1])
             lamp = first < end and slots[first, 6] > 0.0
-            tilt, x, y, z = 0.5 * math.sqrt(light[3] * light[3] + light[4] * light[4]), 0.0, 0.0, 0.0
+            bent, low_x, low_y, x, y, z = len(turned) > 0 and number == 0, light[3], light[4], 0.0, 0.0, 0.0
             # Keep the footprints from which bodies may hide part of the light
             count = 0
             for n in range(begin, min(begin + _TOGETHER, len(footprints))):
@@ -419,6 +436,10 @@ def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any,
                 radius = 0.5 * (math.sqrt(foot[3] * foot[3] + foot[4] * foot[4] + foot[5] * foot[5])
                                 + math.sqrt(foot[6] * foot[6] + foot[7] * foot[7] + foot[8] * foot[8]))  # fmt: skip
                 wide, deep, spread = radius, radius, light[2]
+                if bent:
+                    low_x, low_y = turned[n, 0], turned[n, 1]
+                    spread = math.sqrt(spread * spread + turned[n, 2] * turned[n, 2])
+                tilt = 0.5 * math.sqrt(low_x * low_x + low_y * low_y)
                 for body in range(first, end if facing[count] > 0.0 else first):
                     slot, near[body, count] = slots[body], False
                     if lamp or body == first:
@@ -426,7 +447,7 @@ def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any,
                     if lamp:
                         scale = max(z, 0.0) / slot[6]
                         wide, deep, spread = 2.0 * radius * scale, radius * scale * scale, light[8] / slot[6]
-                    disc = _across(slot, (x, y, z), wide, deep, (light[3], light[4]), tilt, spread)
+                    disc = _across(slot, (x, y, z), wide, deep, (low_x, low_y), tilt, spread)
                     if disc[2] >= 0.0 and (z > 0.0 or not lamp):
                         below = slot[4] - z - deep >= 0.0
                         near[body, count], whole = _between(values[body], slot, size, clear, disc, below)
@@ -442,19 +463,21 @@ def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any,
                     blocked[k] = _ZERO
                 for body in range(first, end):
                     # Start the rays of those that this body may hide it from
-                    found = 0
+                    found, slot = 0, slots[body]
+                    spread = light[8] / slot[6] if lamp else light[2]
                     for k in range(count):
                         if near[body, k]:
-                            _set_footprint(footprints[asked[k]], slots[body], numbers[2] * facing[k], found, feet)
+                            n, disc = asked[k], (spread, light[3], light[4])
+                            if bent:
+                                wider = math.sqrt(spread * spread + turned[n, 2] * turned[n, 2])
+                                disc = wider, turned[n, 0], turned[n, 1]
+                            _set_footprint(footprints[n], slot, numbers[2] * facing[k], disc, found, feet)
                             mine[found] = k
                             found += 1
                     if found == 0:
                         continue
-                    slot = slots[body]
-                    spread = light[8] / slot[6] if lamp else light[2]
-                    disc, widening = (spread, light[3], light[4]), np.float32(spread * numbers[3])
-                    _start(fan, (done, last, found), slot, disc, feet, rays)
-                    _walk(values[body], slot, size, clear, (found * (last - done), widening), rays, room, outcome)
+                    _start(fan, (done, last, found), slot, numbers[3], feet, rays)
+                    _walk(values[body], slot, size, clear, found * (last - done), rays, room, outcome)
                     # Of two bodies the larger counts where both are opaque
                     for k in range(last - done):
                         for m in range(found):
@@ -497,11 +520,12 @@ def _facing(foot: Any, lamp: Any) -> Any:
 
 
 @inlined
-def _set_footprint(foot: Any, slot: Any, facing: Any, k: Any, feet: Any) -> None:
-    """Set the k-th of feet: middle and sides of a footprint in the axes of a slot, before any projection, and the width
-    of rays there. facing: of a lamp, that width.
+def _set_footprint(foot: Any, slot: Any, facing: Any, disc: Any, k: Any, feet: Any) -> None:
+    """Set the k-th of feet: middle and sides of a footprint in the axes of a slot, before any projection, the width of
+    rays there, and the disc of light. facing: of a lamp, that width. disc: tangent of its radius, and slope of its
+    middle.
     """
-    middle, one_side, other_side, grain = feet
+    middle, one_side, other_side, grain, of_disc = feet
     for axis in range(3):
         a, b, c = slot[7 + 3 * axis], slot[8 + 3 * axis], slot[9 + 3 * axis]
         middle[axis][k] = a * foot[0] + b * foot[1] + c * foot[2] + slot[16 + axis]
@@ -509,34 +533,38 @@ def _set_footprint(foot: Any, slot: Any, facing: Any, k: Any, feet: Any) -> None
         other_side[axis][k] = a * foot[6] + b * foot[7] + c * foot[8]
     area = abs(one_side[0][k] * other_side[1][k] - one_side[1][k] * other_side[0][k]) if slot[6] == 0.0 else 1.0
     grain[k] = facing * math.sqrt(area)
+    of_disc[0][k], of_disc[1][k], of_disc[2][k] = disc
 
 
 @inlined
-def _start(fan: Any, part: Any, slot: Any, disc: Any, feet: Any, rays: Any) -> None:
+def _start(fan: Any, part: Any, slot: Any, widening: Any, feet: Any, rays: Any) -> None:
     """Start rays of a fan from their places in footprints, those of each ray in turn.
 
-    part: first ray, the one after the last, and number of footprints. disc: tangent of its radius, and slope of its
-    middle. feet: of `_set_footprint`. rays: start, slope, spans. start: from the middle of the slot and its lowest
-    point. slope: metres across for a metre along the light, and the inverse of their length. spans: height over the
-    start at which they enter and leave the slot, and width at the start.
+    part: first ray, the one after the last, and number of footprints. widening: of rays over the radius of the disc a
+    metre away. feet: of `_set_footprint`. rays: start, slope, spans, growth. start: from the middle of the slot and its
+    lowest point. slope: metres across for a metre along the light, and the inverse of their length. spans: height over
+    the start at which they enter and leave the slot, and width at the start. growth: of the width for a metre.
     """
-    (first, last, count), (middle, one_side, other_side, grain), (start, slope, spans) = part, feet, rays
-    spread, low_x, low_y = np.float32(disc[0]), np.float32(disc[1]), np.float32(disc[2])
+    (first, last, count), (middle, one_side, other_side, grain, of_disc), (start, slope, spans, growth) = (
+        part, feet, rays
+    )  # fmt: skip
+    wide, low_x, low_y = of_disc
+    wider = np.float32(widening)
     at_x, at_y = np.float32(slot[0]), np.float32(slot[1])
     lowest, reach = np.float32(slot[4]), np.float32(slot[5] - slot[4])
     far = np.float32(slot[6])
     x, y, z = start
     for ray in range(first, last):
         p, q, begin = fan[2, ray], fan[3, ray], (ray - first) * count
-        slope_x, slope_y = low_x + spread * fan[0, ray], low_y + spread * fan[1, ray]
-        across = _ONE / max(np.sqrt(slope_x * slope_x + slope_y * slope_y), _LEAST)
         for k in range(count):
             x[begin + k] = middle[0][k] + p * one_side[0][k] + q * other_side[0][k]
             y[begin + k] = middle[1][k] + p * one_side[1][k] + q * other_side[1][k]
             z[begin + k] = middle[2][k] + p * one_side[2][k] + q * other_side[2][k]
             spans[2][begin + k] = grain[k]
-        for k in range(begin, begin + count):
-            slope[0][k], slope[1][k], slope[2][k] = slope_x, slope_y, across
+        for k in range(count):
+            slope_x, slope_y = low_x[k] + wide[k] * fan[0, ray], low_y[k] + wide[k] * fan[1, ray]
+            slope[0][begin + k], slope[1][begin + k], growth[begin + k] = slope_x, slope_y, wide[k] * wider
+            slope[2][begin + k] = _ONE / max(np.sqrt(slope_x * slope_x + slope_y * slope_y), _LEAST)
     total = (last - first) * count
     if far > _ZERO:
         # The map of shadow_columns.py; behind the lamp nothing hides it
@@ -550,11 +578,11 @@ def _start(fan: Any, part: Any, slot: Any, disc: Any, feet: Any, rays: Any) -> N
 
 
 @inlined
-def _walk(columns: Any, slot: Any, size: Any, clear: Any, asked: Any, of_rays: Any, room: Any, outcome: Any) -> None:
-    """Set what a body blocks of rays, most (rays,), the first of outcome; all of them take a step at a time. asked:
-    their number, and by how much they grow for a metre. of_rays: of `_start`.
+def _walk(columns: Any, slot: Any, size: Any, clear: Any, rays: Any, of_rays: Any, room: Any, outcome: Any) -> None:
+    """Set what a body blocks of a number of rays, most (rays,), the first of outcome; all of them take a step at a
+    time. of_rays: of `_start`.
     """
-    (rays, widening), ((x, y, z), (slope_x, slope_y, across), (h, until, widths)) = asked, of_rays
+    (x, y, z), (slope_x, slope_y, across), (h, until, widths), widening = of_rays
     (filled, top, bottom), (filled_a, top_a, bottom_a), (at, side), (fx, fy, _), of_level, four = room
     (wanted, per_texel, inside), (most, h_a, _) = of_level, outcome
     all_texels, half = np.float32(size), np.float32(0.5 * size)
@@ -567,7 +595,7 @@ def _walk(columns: Any, slot: Any, size: Any, clear: Any, asked: Any, of_rays: A
     while True:
         # Find the level of each ray's width
         for k in range(rays):
-            wanted[k], per_texel[k] = max((widths[k] + widening * h[k]) * per_ramp, np.float32(_SHARPEST)), _ONE
+            wanted[k], per_texel[k] = max((widths[k] + widening[k] * h[k]) * per_ramp, np.float32(_SHARPEST)), _ONE
         finest, up = size, _ONE
         while up > _ZERO and finest > SMALLEST:
             up = _ZERO
@@ -637,5 +665,5 @@ def _walk(columns: Any, slot: Any, size: Any, clear: Any, asked: Any, of_rays: A
         step += 1
         for k in range(rays):
             h_a[k], filled_a[k], top_a[k], bottom_a[k] = h[k], filled[k], top[k], bottom[k]
-            farther = h[k] + max(widths[k] + widening * h[k], _HALF * texel) * across[k]
+            farther = h[k] + max(widths[k] + widening[k] * h[k], _HALF * texel) * across[k]
             h[k] = min(farther, until[k]) if step < _MOST_STEPS else until[k]

@@ -11,6 +11,7 @@ A block may change if a body's shadow, widened by the sun's disc and by the bloc
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +26,7 @@ from mr360uw.base.tile_blend import BLOCK, CORNER_CHANNELS, PixelImages
 from mr360uw.composite.ambient.blocked_light import UNNOTICED
 from mr360uw.composite.ambient.ground_light import GroundField, ground_field
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_light
-from mr360uw.composite.light_sources import lamps_of, light_sources, sun_of, widest_half_angle
+from mr360uw.composite.light_sources import lamps_of, light_sources, steepest_slope, sun_of, widest_half_angle
 from mr360uw.composite.receiver.ratio import (
     FADE_FROM,
     FREE,
@@ -288,10 +289,10 @@ def touched_ground(shot: Shot, cache: Cache) -> Touched | None:
     shape = cache.of(ReceiverShape, shot.receiver, shot.view.position)
     ground = cache.of(Ground, shot.view, shape)
     sun = sun_of(shot)
-    of_light = None if sun is None else sun.direction, widest_half_angle(shot), shot.caustics is None
+    of_light = None if sun is None else sun.direction, widest_half_angle(shot), steepest_slope(shot)
     # of the water its attenuation alone counts, which does not change when the veil is scaled to the plate
     through = None if shot.medium is None else Same(shot.medium.attenuation)
-    alike = PartOf(shot, shot.receiver, shot.casters, *of_light, through)
+    alike = PartOf(shot, shot.receiver, shot.casters, *of_light, shot.caustics is None, through)
     touched = _touched(alike, ground) if lamps_of(shot) else cache.of(_touched, alike, ground)
     return touched if np.any(touched[1]) else None
 
@@ -306,7 +307,10 @@ def _touched(alike: PartOf[Shot], ground: Ground) -> Touched:
     # Mark what shadows may fall on, or bodies block light of
     if shot.casters:
         boxes = _boxes(shot.casters, basis(sun.direction if sun else (0.0, 1.0, 0.0)), shot.view.position)
-        spread = float(np.tan(widest_half_angle(shot))) if receiver.shadow and sun is not None else -1.0
+        spread = -1.0
+        if receiver.shadow and sun is not None:
+            bent = math.tan(sun.half_angle_rad) + steepest_slope(shot)
+            spread = max(math.tan(widest_half_angle(shot)), bent)
         normal = ground.middle_normal[:1, :1] if ground.level else ground.middle_normal
         extent = BLOCK * np.pi / (2 * shot.view.height), BLOCK * np.pi / shot.view.width
         least = np.pi * UNNOTICED if receiver.occlusion else 2.0 * _TOUCHING

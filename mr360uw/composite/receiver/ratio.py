@@ -98,7 +98,7 @@ def receiver_ratio(
     waves: Floats = np.ones((len(point), 3))
     for source in sources:
         if source.in_plate:
-            seen = source.visibility(point, sides) if receiver.shadow else seen
+            seen = source.visibility(point, sides, on_ground=True) if receiver.shadow else seen
             waves = source.pattern(point, distance_m * np.pi / shot.view.height) if receiver.caustics else waves
     share = ambient_share(shot, sources, point, normal)
     r = np.ones_like(share) if plate is None else direct_pattern(*plate, share)
