@@ -317,6 +317,7 @@ class ObjectSettings(_Placed):
     casts_shadow: bool = parameter(True, CASTS)
     visible: bool = parameter(True, "whether the camera sees the object; its shadow stays")
     texture: Path | None = parameter(None, "base colour image to use instead of the file's own")
+    vertex_colors: bool = parameter(True, "whether the file's vertex colours multiply the base colour")
     base_color: Colour | None = parameter(
         None, "linear base colour, multiplies the texture; none: the file's", unit="1"
     )

@@ -18,7 +18,7 @@ from mr360uw.base.input_files import OBJECTS
 from mr360uw.base.parameters import checked
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.mesh.material import Material, Texture, read_texture
-from mr360uw.composite.mesh.mesh import Mesh, Unit, opaque_where_sure
+from mr360uw.composite.mesh.mesh import DARKENING, Mesh, Unit, opaque_where_sure
 from mr360uw.composite.mesh.polygons import scale_of
 from mr360uw.composite.motion import (
     Motion,
@@ -332,7 +332,7 @@ def _paths(path: Path) -> list[Path]:
 
 def _overridden(mesh: Mesh, settings: ObjectSettings, base: Texture | None) -> Mesh:
     """Return a mesh with the materials that a scene asks for. base: its texture, if it asks for one."""
-    notes = list(mesh.notes)
+    notes = [note for note in mesh.notes if settings.vertex_colors or DARKENING not in note]
     if base is not None and not np.any(mesh.uv):
         notes.append(f"{settings.mesh} - has no texture coordinates - all of it takes the corner of its texture")
     materials = []
@@ -342,8 +342,9 @@ def _overridden(mesh: Mesh, settings: ObjectSettings, base: Texture | None) -> M
             changed = replace(changed, base_map=base, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
         materials.append(_factors(changed, settings))
     colors = mesh.colors
-    if base is not None and np.any(colors[..., :3] != 1.0):
+    if base is not None and settings.vertex_colors and np.any(colors[..., :3] != 1.0):
         notes.append(f"{settings.mesh} - vertex colours are left out beside the texture - remove that to see them")
+    if base is not None or not settings.vertex_colors:
         colors = np.concatenate([np.ones_like(colors[..., :3]), colors[..., 3:]], axis=-1)
     return opaque_where_sure(replace(mesh, materials=tuple(materials), colors=colors, notes=tuple(notes)))
 

@@ -403,7 +403,7 @@ class MeshLook:
 
     extent: (3,) sides over the longest. front: the side that is its front. long: whether it is longer than wide. kind:
     of thing, or None. clips: names of its animations. up: the axis of its file that is up, or "auto" where the file
-    says it; why_up: what tells it.
+    says it; why_up: what tells it. darkened_to: of `Mesh`.
     """
 
     path: Path
@@ -418,6 +418,7 @@ class MeshLook:
     clips: tuple[str, ...]
     up: Up = "auto"
     why_up: str = ""
+    darkened_to: float = 1.0
 
 
 def look_at_mesh(path: Path, *, up: Up = "auto", outside_files: bool = False) -> MeshLook:
@@ -435,7 +436,7 @@ def look_at_mesh(path: Path, *, up: Up = "auto", outside_files: bool = False) ->
     known = up == "auto" and file.head is None
     return MeshLook(
         path, kind, size, why, (x, y, z), front, why_front, long, habit, clips, "auto" if known else axis,
-        why_up or "nothing shows another",
+        why_up or "nothing shows another", mesh.darkened_to,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from mr360uw.base.color import encode
 from mr360uw.base.constants import DEPTH_EYES_S, DEPTH_FRAME_S
+from mr360uw.composite.mesh.mesh import MUCH_DARKER
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.observations import LITTLE_RED, SURE, MeshLook, PlateLook, WaterOrAir
 from mr360uw.first_look.place_in_plate import (
@@ -563,6 +564,9 @@ def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_file
     if chosen.exposure:
         row = f"exposure = {chosen.exposure:.1f}"
         rows.append((row if _is_corrected(chosen) else f"# {row}", "stops, by the plate's ground beside a grey card"))
+    if mesh.darkened_to <= MUCH_DARKER:
+        left = f"they would darken the texture to {mesh.darkened_to:.2g} of it; true: as the file has them"
+        rows.append(("vertex_colors = false", left))
     if len(mesh.clips) > 1:
         rows.append((f"animation = {toml_value(mesh.clips[0])}", f"the first of {len(mesh.clips)}"))
     return [*rows, ("outside_files = true", "")] if outside_files else rows

@@ -14,6 +14,8 @@ import pytest
 from mr360uw.composite import load_mesh
 from mr360uw.composite.mesh.material import Part
 from mr360uw.composite.mesh.mesh import make_mesh
+from mr360uw.composite.settings import ObjectSettings
+from mr360uw.composite.shot import load_object
 from mr360uw.errors import MeshError
 from tests.composite import tolerances as tol
 from tests.composite.test_mesh_formats import SQUARE, obj, picture, ply
@@ -248,3 +250,12 @@ def test_what_stands_in_for_a_mesh_is_told(tmp_path: Path, name: str) -> None:
 def test_other_formats_are_answered_with_a_way(tmp_path: Path, name: str, says: str) -> None:
     with pytest.raises(MeshError, match=says):
         load_mesh(tmp_path / name)
+
+
+def test_vertex_colours_are_left_out_where_a_scene_says_so(tmp_path: Path) -> None:
+    picture(tmp_path / "a.png")
+    glb(tmp_path / "a.glb", {}, [(tmp_path / "a.png").read_bytes()])
+    settings = ObjectSettings(mesh=tmp_path / "a.glb", vertex_colors=False)
+    mesh = load_object(settings).meshes[0]
+    np.testing.assert_array_equal(mesh.colors[..., :3], 1.0)
+    assert not any("vertex colours" in note for note in mesh.notes)

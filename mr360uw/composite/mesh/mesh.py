@@ -74,6 +74,12 @@ class Mesh:
         return self if self.rest is None else self.rest
 
     @cached_property
+    def darkened_to(self) -> float:
+        """Mean luminance of the vertex colours where they multiply a base map; 1 where there is none."""
+        mapped = np.isin(self.material, [k for k, m in enumerate(self.materials) if m.base_map is not None])
+        return float(luminance(self.colors[mapped][..., :3]).mean()) if np.any(mapped) else 1.0
+
+    @cached_property
     def extent_m(self) -> Floats:
         """Size of the bounding box (3,)."""
         return np.ptp(self.hull.reshape(-1, 3), axis=0)
@@ -252,10 +258,11 @@ def make_mesh(parts: list[Part], materials: list[Material], *, where: str = "mes
         colors, material, piece = colors[keep], material[keep], piece[keep]
     # Find the smooth pieces and the hull, and say what darkens the mesh
     patch, hull = _patches_and_hull(positions, normals, piece)
-    notes += _darkening_notes(
-        where, colors, np.isin(material, [k for k, m in enumerate(materials) if m.base_map is not None])
-    )
-    return Mesh(positions, normals, uv, more_uv, colors, material, patch, tuple(materials), hull, notes)
+    made = Mesh(positions, normals, uv, more_uv, colors, material, patch, tuple(materials), hull, notes)
+    if made.darkened_to > MUCH_DARKER:
+        return made
+    darkened = f"{where} - {DARKENING} to {made.darkened_to:.2g} of it - if that is wrong, set vertex_colors = false"
+    return replace(made, notes=(*notes, darkened))
 
 
 def _patches_and_hull(positions: Floats, normals: Floats, piece: NDArray[np.int32]) -> tuple[NDArray[np.int32], Floats]:
@@ -299,20 +306,10 @@ def proper_triangles(positions: Floats) -> NDArray[np.bool_]:
     return np.asarray(area > 1e-14 * np.max(extent) ** 2)
 
 
-def _darkening_notes(where: str, colors: Floats, mapped: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return a line where the colours (T, 3, 4) of corners make triangles with a base map much darker."""
-    left = float(luminance(colors[mapped][..., :3]).mean()) if np.any(mapped) else 1.0
-    if left > _DARKENED:
-        return ()
-    return (
-        f"{where} - has vertex colours that darken its texture to {left:.2g} of it - if that is wrong, export it "
-        "without them, or set the object's texture in the scene, beside which they are left out",
-    )
-
-
-_DARKENED = 0.5
-"""Mean luminance of vertex colours, which multiply a base map, below which that is said. Occlusion that is baked into
-them leaves 0.6 to 0.9."""
+MUCH_DARKER = 0.5
+"""`Mesh.darkened_to` up to which that is said. Occlusion that is baked into vertex colours leaves 0.6 to 0.9."""
+DARKENING = "has vertex colours that darken its texture"
+"""How a note of that begins."""
 
 
 def _size_notes(where: str, extent: Floats, *, cad: bool) -> tuple[str, ...]:
