@@ -19,7 +19,16 @@ from mr360uw.base.sphere import Array, directions, row_solid_angle, unit
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.filters import cosine_beam, cosine_filter, glossy_levels
 from mr360uw.ibl.lookup import environment_lookup, reduce_map, reduce_maximum
-from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, UNEXPANDED, LinearPlate, Plate, checked_plate
+from mr360uw.ibl.plate import (
+    COARSE_COLUMNS,
+    COARSE_ROWS,
+    COARSE_SCALE,
+    UNEXPANDED,
+    LinearPlate,
+    Plate,
+    checked_plate,
+    unclipped,
+)
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
 from mr360uw.ibl.sun.detect import (
     find_disc,
@@ -335,11 +344,14 @@ def reduce_planes(
 
 
 class YuvPlate:
-    """The planes of a 4:2:0 frame, with the maps of one pass over them in blocks; nothing is expanded."""
+    """The planes of a 4:2:0 frame, with the maps of one pass over them in blocks. clipped: whether it ends at display
+    white, which channels reach one by one.
+    """
 
-    def __init__(self, yuv: YuvImage, block: int, up: Array, refractive_index: float) -> None:
+    def __init__(self, yuv: YuvImage, block: int, up: Array, refractive_index: float, *, clipped: bool) -> None:
         self.yuv, self.up, self.refractive_index = yuv, up, refractive_index
-        self.coarse, self.brightest = _reduce(yuv, block)
+        coarse, self.brightest = _reduce(yuv, block)
+        self.coarse = unclipped(coarse) if clipped else coarse
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
@@ -383,7 +395,7 @@ def plate_of_yuv(
     block = block_size(width, height)
     if yuv.u.shape != half[0] or block == 0 or yuv.spec.is_wide or settings.operator not in UNEXPANDED:
         return LinearPlate(lit_frame(yuv), settings, up, refractive_index)
-    return YuvPlate(yuv, block, up, refractive_index)
+    return YuvPlate(yuv, block, up, refractive_index, clipped=settings.operator == "closure")
 
 
 def block_size(width: int, height: int) -> int:

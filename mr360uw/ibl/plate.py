@@ -28,6 +28,8 @@ from mr360uw.ibl.tilt import LEVEL, elevation_sine, frame_sines, upward
 from mr360uw.published import enhancement_gain, pointwise_gain
 from mr360uw.types import Floats
 
+DISPLAY_WHITE = 1.5
+"""A plate with values above this is scene radiance; display-referred white is 1, with some headroom."""
 COARSE_SCALE = 4
 COARSE_COLUMNS, COARSE_ROWS = ENVIRONMENT_COLUMNS * COARSE_SCALE, ENVIRONMENT_ROWS * COARSE_SCALE
 """Pixels of the coarse map: 1.4 degrees, fine enough for 0.5 % of irradiance, small enough to be free."""
@@ -81,6 +83,65 @@ def remap(image: NDArray[Any], x: Floats, y: Floats) -> NDArray[Any]:
     return cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
 
 
+# Channels clip one by one: of blue water and sky blue first, so that their light seems green, and white last. A clipped
+# channel c is filled from one that clips less, k:
+#
+#     L'_c = L_k exp(mean of log(L_c / L_k))
+#
+# The mean is over what is near and did not clip, bright places before dark ones: over 4 degrees, and where nothing is
+# that near over 12, over 36, or over the whole plate. The channel that clips least stays as it is. Over plates under
+# water whose exposure was raised by half a stop to two, the colour of the light is then off by 8 % for 14 %,
+# and half of what it loses is found again; of panoramas in air, 8 % for 9 %.
+
+_FILL_FROM, _FILL_TO = 0.8, 0.95
+"""Radiance of a coarse pixel, a mean of many of the plate's, from which a channel counts as clipped, and wholly."""
+_FILL_DEG, _FILL_NEXT = (4.0, 12.0, 36.0), 0.01
+"""Standard deviations of the means' Gaussians [deg], and the weight of each over that before it."""
+_FILL_MOST = 8.0
+"""Factor that a clipped channel may grow by, at most: three stops."""
+_FILL_DARK = 0.01
+"""Radiance below which codes are too coarse for a ratio."""
+
+
+def unclipped(coarse: Floats) -> Floats:
+    """Return the coarse map (h, w, 3) of a plate that ends at display white with its clipped channels filled."""
+    clipped = smoothstep(coarse, _FILL_FROM, _FILL_TO).astype(np.float32)
+    if not np.any(clipped > 0.0):
+        return coarse
+    filled, size = coarse.astype(np.float32), row_solid_angle(coarse.shape[1], coarse.shape[0])[:, None]
+    last, middle, first = np.argsort(clipped.mean(axis=(0, 1))).tolist()
+    for channel, other in ((middle, last), (first, middle)):
+        least = np.minimum(coarse[..., channel], coarse[..., other])
+        weight = size * (1.0 - clipped[..., channel]) * (1.0 - clipped[..., other]) * least**4
+        weight[least < _FILL_DARK] = 0.0
+        if not np.any(weight > 0.0):
+            continue
+        ratio = np.log(np.maximum(coarse[..., channel], _FILL_DARK) / np.maximum(coarse[..., other], _FILL_DARK))
+        # The mean near by, and where nothing is, farther away: both sums on a smaller map
+        sums = np.stack([weight * ratio, weight, np.zeros_like(weight)], axis=-1)
+        sums = reduce_map(sums, ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS)
+        share, found = 1.0, _FILL_NEXT ** len(_FILL_DEG) * sums.mean(axis=(0, 1)) + np.zeros_like(sums)
+        for deviation_deg in _FILL_DEG:
+            found += share * _blurred(sums, deviation_deg)
+            share *= _FILL_NEXT
+        mean = resize_map(found[..., 0] / np.maximum(found[..., 1], 1e-30), coarse.shape[1], coarse.shape[0])
+        wanted = np.exp(mean) * filled[..., other]
+        wanted = np.clip(wanted, coarse[..., channel], _FILL_MOST * coarse[..., channel])
+        filled[..., channel] += clipped[..., channel] * (wanted - coarse[..., channel])
+    return filled
+
+
+def _blurred(image: Floats, deviation_deg: float) -> Floats:
+    """Return a panorama (h, w, c) under a Gaussian, closed at the seam, nothing beyond the poles."""
+    import cv2
+
+    deviation = deviation_deg * image.shape[0] / 180.0
+    margin = min(int(3.0 * deviation) + 1, image.shape[1])
+    wide = np.pad(image, ((margin, margin), (0, 0), (0, 0)))
+    wide = np.pad(wide, ((0, 0), (margin, margin), (0, 0)), mode="wrap")
+    return np.asarray(cv2.GaussianBlur(wide, (0, 0), deviation))[margin:-margin, margin:-margin]
+
+
 class LinearPlate:
     """A plate of linear floats, (H, W, 3), and its expansion; without settings nothing is expanded."""
 
@@ -95,6 +156,8 @@ class LinearPlate:
         if settings is not None:
             self.expanded = expand(image, settings, up=up, refractive_index=refractive_index)
         self.coarse = reduce_map(self.expanded, COARSE_COLUMNS, COARSE_ROWS)
+        if settings is not None and settings.operator == "closure" and float(image.max()) <= DISPLAY_WHITE:
+            self.coarse = unclipped(self.coarse)
         self.brightest = reduce_maximum(image @ LUMINANCE.astype(np.float32), COARSE_COLUMNS, COARSE_ROWS)
         self.up, self.refractive_index = up, refractive_index
 

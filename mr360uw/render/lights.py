@@ -40,13 +40,14 @@ from mr360uw.ibl.lookup import environment_lookup, reduce_map
 from mr360uw.ibl.plate import (
     COARSE_COLUMNS,
     COARSE_ROWS,
+    DISPLAY_WHITE,
     LinearPlate,
     Plate,
     checked_plate,
     coarse_directions,
     remap,
 )
-from mr360uw.ibl.sun.detect import DISPLAY_WHITE, sun_found
+from mr360uw.ibl.sun.detect import sun_found
 from mr360uw.ibl.sun.split import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
 from mr360uw.ibl.tilt import is_level, level_matrix, roll_pitch, upward
 from mr360uw.medium import Medium

@@ -92,3 +92,11 @@ that is all but gone at 5 degrees."""
 TRACKED_SHARE = 0.02
 """Share of a sun's light over a clip of one picture, and the light with it: the spot is measured about its middle in a
 frame, and about the direction of the track in a clip."""
+
+FILLED_OF_ONE_COLOUR = 0.01
+"""Filled light over that before clipping: means of pixels about the limit hold some that are clipped already."""
+FILLED_COLOUR = 0.12
+"""Logarithm of blue over green in filled light from above, over the true one: this water gets paler upwards by as much,
+which nothing below the clipped part shows."""
+FILLED_WHITE = 1e-6
+"""Grey light: the three channels are alike to rounding."""

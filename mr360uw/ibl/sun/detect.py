@@ -34,6 +34,7 @@ from mr360uw.base.optics import refract_clamped, refract_to_air, snell_elevation
 from mr360uw.base.parameters import checked
 from mr360uw.base.sphere import unit
 from mr360uw.ibl.plate import (
+    DISPLAY_WHITE,
     LinearPlate,
     Plate,
     checked_plate,
@@ -47,8 +48,6 @@ from mr360uw.ibl.sun.spots import CLIPPED, Blob, PlateSurvey, brightness, examin
 from mr360uw.ibl.tilt import level_matrix, roll_pitch, upward
 from mr360uw.types import Floats, Sun
 
-DISPLAY_WHITE = 1.5
-"""A plate with values above this is scene radiance; display-referred white is 1, with some headroom."""
 _MOST_SEEDS = 600
 """Bright coarse pixels that are compared with each other; time grows with the square."""
 _CANDIDATES = 3
