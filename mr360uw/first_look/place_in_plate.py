@@ -267,10 +267,12 @@ _COARSE_DEG = 4.0
 _STEP_DEG = 5.0
 _DIM = 0.002
 """Light that is added before logarithms are taken: noise of dark plates is no texture."""
-_RED, _BLACK, _WHITE = 1.5, 0.25, 1.5
-"""Costs of red, of darkness (a factor of e) and of clipping, over those of texture (rms of the logarithm of light)."""
-_CLIPPED = 0.97
-"""Linear light from which a pixel counts as clipped. Under water that is the sun's glitter; in air, an overcast sky."""
+_RED, _BLACK, _WHITE, _CLIPS = 1.5, 0.25, 1.5, 0.15
+"""Costs of red, of darkness (a factor of e), of white, and of a clipped channel, over those of texture (rms of the
+logarithm of light)."""
+_CLIPPED, _GLITTER = 0.97, 0.9
+"""Linear light from which a channel counts as clipped, as blue does in bright water, and luminance from which water is
+white: the sun's glitter, or the sky above."""
 _OFF_LEVEL, _OFF_MIDDLE = 0.008, 0.002
 """Costs for a degree from the wanted elevation, and from the middle of the frame: ties go to where one looks first."""
 
@@ -282,8 +284,8 @@ FreeView = tuple[float, float, tuple[float, float, float]]
 def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: bool) -> FreeView:
     """Return the freest part of a levelled panorama (h, w, 3) of linear light, its middle within these elevations.
 
-    underwater: parts with the veil's colour, without red, are preferred, and parts that are not clipped. The cost is
-    texture and what the constants say.
+    underwater: parts with the veil's colour, without red, are preferred, and parts that are not white or clipped. The
+    cost is texture and what the constants say.
     """
     import cv2
 
@@ -301,10 +303,11 @@ def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: 
 
     texture = np.sqrt(np.maximum(mean(fine * fine), 0.0))
     bright = mean(light)
-    # Prefer smooth, lit water: no clipped sky, nothing red
+    # Prefer smooth, lit water: no glitter, nothing red, and if there is any with all of its colour, that
     cost = texture + _BLACK * np.maximum(np.quantile(bright, 0.8) - bright, 0.0)
     if underwater:
-        cost += _WHITE * mean((wrapped.max(axis=-1) > _CLIPPED).astype(np.float32))
+        cost += _WHITE * mean((luminance(wrapped) > _GLITTER).astype(np.float32))
+        cost += _CLIPS * mean((wrapped.max(axis=-1) > _CLIPPED).astype(np.float32))
         cost += _RED * mean(np.nan_to_num(np.minimum(red_ratio(wrapped), 1.0), nan=0.0))
     # Prefer directions near the middle, within the elevations; take the least cost
     elevation = 90.0 - (np.arange(height) + 0.5) / scale

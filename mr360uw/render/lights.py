@@ -46,6 +46,7 @@ from mr360uw.ibl.plate import (
     checked_plate,
     coarse_directions,
     remap,
+    unclipped,
 )
 from mr360uw.ibl.sun.detect import sun_found
 from mr360uw.ibl.sun.split import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
@@ -61,6 +62,8 @@ from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
 _SAMPLES = (6, 12)
 """Rows above and below the horizon, and columns of each azimuth, at which a plate's horizon is read."""
+_BRIGHT = 0.8
+"""Linear light from which a channel may be clipped in part of a pixel of the coarse map."""
 _FINER = 8
 """Planes are averaged as code values to cells this many times finer than the map, before they are decoded to light."""
 
@@ -80,8 +83,14 @@ def plate_map(plate: Floats | YuvImage, up: ArrayLike | None = None) -> Floats:
 
 
 def world_view(plate: Floats | YuvImage, world_from_camera: Floats) -> Floats:
-    """Return the light (h, w, 3) of a linear plate or of decoded planes, at most 512 x 256, in the world's axes."""
-    fine = np.ascontiguousarray(small_picture(plate))
+    """Return the light (h, w, 3) of a linear plate or of decoded planes, at most 512 x 256, in the world's axes, with
+    its clipped channels filled.
+    """
+    import cv2
+
+    fine, growth = np.ascontiguousarray(small_picture(plate)), _growth(plate)
+    if np.any(growth > 1.0):
+        fine = fine * cv2.resize(growth, fine.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     if not np.allclose(world_from_camera, np.eye(3), atol=1e-9):
         height, width = fine.shape[:2]
         fine = remap(fine, *frame_from_direction(directions(width, height) @ world_from_camera, width, height))
@@ -91,14 +100,25 @@ def world_view(plate: Floats | YuvImage, world_from_camera: Floats) -> Floats:
 def level_view(plate: Floats | YuvImage, up: ArrayLike | None = None) -> LevelView:
     """Return the light of a linear plate (H, W, 3) or of decoded planes just above and below the horizon.
 
-    Pixels are read at full resolution, up to `_SAMPLES` an azimuth. up: as for `plate_map`.
+    Pixels are read at full resolution, up to `_SAMPLES` an azimuth, and clipped channels are filled. up: as for
+    `plate_map`.
     """
     height, width = (plate.y if isinstance(plate, YuvImage) else plate).shape[:2]
     column, row = _places(width, height, upward(up).tobytes())
     rows, columns = _SAMPLES
-    light = _pixels(plate, row, column).reshape(2, rows, SECTORS, columns, 3).mean(axis=(1, 3))
+    light = _pixels(plate, row, column)
+    if np.any(light > _BRIGHT):
+        light = light * _growth(plate)[row * COARSE_ROWS // height, column * COARSE_COLUMNS // width]
+    light = light.reshape(2, rows, SECTORS, columns, 3).mean(axis=(1, 3))
     half = float(np.sin(0.5 * _reach(height)))
     return np.array([half, -half]), light
+
+
+def _growth(plate: Floats | YuvImage) -> NDArray[np.float32]:
+    """Return the factors (128, 256, 3) by which a plate's clipped channels lost light, see `unclipped`; 1 elsewhere."""
+    shown = np.maximum(reduce_map(small_picture(plate), COARSE_COLUMNS, COARSE_ROWS), _LEAST_LIGHT)
+    wide = plate.spec.is_wide if isinstance(plate, YuvImage) else float(np.max(plate)) > DISPLAY_WHITE
+    return np.asarray(np.ones_like(shown) if wide else unclipped(shown) / shown, np.float32)
 
 
 def _reach(height: int) -> float:

@@ -17,7 +17,9 @@ UP = directions(COARSE_COLUMNS, COARSE_ROWS)[..., 1]
 def water(brightest: float) -> Floats:
     """Return light (h, w, 3) that gets brighter upwards, from deep blue below to pale blue above, blue most of all."""
     level = 0.5 * (UP + 1.0)
-    return brightest * level[..., None] * np.stack([0.1 + 0.1 * level, 0.35 + 0.1 * level, np.ones_like(level)], axis=-1)
+    return (
+        brightest * level[..., None] * np.stack([0.1 + 0.1 * level, 0.35 + 0.1 * level, np.ones_like(level)], axis=-1)
+    )
 
 
 def test_what_is_not_clipped_stays_as_it_is() -> None:

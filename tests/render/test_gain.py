@@ -268,3 +268,15 @@ def test_a_few_frames_a_second_give_the_gain_of_all(begin: int, step_at: int | N
     apart = {index for index in range(begin, count) if index % 3 and index != begin and index < 39}
     around = set() if step_at is None else set(range(step_at // 3 * 3, step_at // 3 * 3 + 3))
     assert apart - set(counted) == apart - around
+
+
+def test_water_whose_blue_is_clipped_keeps_its_colour() -> None:
+    """Blue is clipped from somewhat below the horizon up: its light there is found by the colour of what is below."""
+    up = directions(512, 256)[..., 1]
+    light = np.exp(0.8 * up)[..., None] * np.array([0.1, 0.5, 1.15])
+    _, shown = level_view(np.minimum(light, 1.0).astype(np.float32))
+    np.testing.assert_allclose(
+        shown.mean(axis=(0, 1)), [0.1, 0.5, 1.15], rtol=0.04
+    )  # means about the limit hold clipped pixels
+    _, whole = level_view((0.5 * light).astype(np.float32))
+    np.testing.assert_allclose(whole.mean(axis=(0, 1)), [0.05, 0.25, 0.575], rtol=1e-3)  # nothing of it is clipped
