@@ -238,10 +238,9 @@ class ReceiverPass:
         (seen, halo_seen), (kept, gap) = visible[len(cj) :].T, light.visibility.hidden(places[len(cj) :], steepest).T
         # Penumbrae that are narrow, or not straight between corners and middle, are edges
         of_disc, of_halo = 2.0 * np.tan(sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
-        bent: NDArray[np.bool_] | bool = False
-        if shot.caustics is not None and len(
-            slopes
-        ):  # waves widen them, and bend them from pixel to pixel of their map
+        bent = np.zeros(len(mj), np.bool_)
+        if shot.caustics is not None and len(slopes):
+            # Waves widen them, and bend them from pixel to pixel of their map
             of_disc = np.hypot(of_disc, 2.0 * slopes[len(cj) :, 2] * gap)
             bent = reach > shot.caustics.tile_m / shot.caustics.slopes[0].shape[1]
         sun_four, halo_four = four_corners(at_corners[0], mj, mi), four_corners(at_corners[1], mj, mi)
