@@ -46,6 +46,8 @@ LEAST_LIGHT = 1e-3
 LEAST_DIRECT = 0.02
 """Least direct light over the mean that is left beside the ambient: filaments are bright, what lies between them is not
 quite without sun."""
+MOST_LOST = 4.0
+"""Factor by which a clipped channel's light was more than it shows, at most: two stops."""
 _AT_ONCE = 32
 """Most blocks beside each other that are computed together: compilers vectorise loops that are longer than a block.
 Half as many or twice as many take as long."""
@@ -188,7 +190,8 @@ class GroundLines(NamedTuple):
     10) float32. images: of free (k = 3), seen (1), waves (3), shape (7: share, weight, veil) and added (3), used
     instead of corners. height: of the frame. least: relative change of the plate that is written. patterned: whether
     the plate has caustics of its own. mean: (rows, W, 3) bits of float16 of the frame's last rows in calm water; none
-    (0, 0, 0) where the plate is drawn towards blurs, by a strength.
+    (0, 0, 0) where the plate is drawn towards blurs, by a strength. white: light from which a channel of the plate is
+    clipped.
     """
 
     first: NDArray[np.int64]
@@ -201,6 +204,7 @@ class GroundLines(NamedTuple):
     mean: NDArray[np.uint16]
     blurs: Blurs
     strength: np.float32
+    white: np.float32
 
 
 NO_BLURS = Blurs(np.zeros(0, np.float32), np.zeros((0, 6), np.int64), 0, np.zeros(0, np.float32))
@@ -209,7 +213,9 @@ _NO_IMAGES = tuple(
 )
 _NO_BLOCKS = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 0, CORNER_CHANNELS), np.float32)
 NO_MEAN = np.zeros((0, 0, 3), np.uint16)
-NO_GROUND = GroundLines(*_NO_BLOCKS, _NO_IMAGES, 0, np.float32(0.0), False, NO_MEAN, NO_BLURS, np.float32(0.0))
+NO_GROUND = GroundLines(
+    *_NO_BLOCKS, _NO_IMAGES, 0, np.float32(0.0), False, NO_MEAN, NO_BLURS, np.float32(0.0), np.float32(np.inf)
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,12 +251,13 @@ def _lay(ground: Any, shown: Any, row: int, column: int, ratio: Any, veil: Any) 
 @inlined
 def ground_room() -> Any:
     """Return room for a line of some blocks: ten numbers of their pixels, and as many at their sides; weight, waves and
-    added light; light of the plate, calm light and one over the pattern; halves of the mean; change.
+    added light; light of the plate, calm light, one over the pattern and the light that is lost; halves of the mean;
+    change.
     """
     room = _AT_ONCE * BLOCK
     line, side = np.empty((10, room), np.float32), np.empty((10, _AT_ONCE + 1), np.float32)
     weight, waves, added = np.empty(room, np.float32), np.empty((3, room), np.float32), np.empty((3, room), np.float32)
-    plate, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
+    plate, inverse = np.ones((2, 3, room), np.float32), np.ones((2, 3, room), np.float32)
     change = np.empty((3, room), np.float32)
     return (line, side), (weight, waves, added), (plate, inverse, np.empty(room, np.uint32)), change
 
@@ -285,14 +292,15 @@ def ground_line(ground: Any, y: int, x0: int, shown: Any, room: Any, ratio: Any,
             _take_images((line, weight, waves, added), b, y - q * BLOCK, begin + b, ground.images)
         if ground.patterned:
             _plate_line(ground, y, begin_x, shown[there], bits, plate[0, :, inside], plate[1, :, inside])
-            _inverse_pattern(plate, line, blocks * BLOCK, inverse)
+            _inverse_pattern(plate, line, blocks * BLOCK, ground.white, inverse)
         for k in range(3):
             share, fall, sun, free = line[k], waves[k], line[9], line[6 + k]
-            more, per_light, out = added[k], inverse[k], change[k]
+            more, per_light, lost, out = added[k], inverse[0, k], inverse[1, k], change[k]
             for i in range(blocks * BLOCK):
                 lit = sun[i] * fall[i]
                 left_over = share[i] * (free[i] - lit) + more[i]
-                out[i] = weight[i] * (lit + left_over * per_light[i] - one)
+                left = lit + left_over * per_light[i]
+                out[i] = weight[i] * ((min(left * lost[i], one) if left < one else left) - one)
         _write(change[:, inside], line[3:6, inside], ground.least, ratio[there], veil[there])
 
 
@@ -364,19 +372,31 @@ def drawn_towards(shown: Any, strength: Any, blurred: Any) -> Any:
 
 
 @inlined
-def _inverse_pattern(plate: Any, line: Any, count: int, inverse: Any) -> None:
-    """Write one over what `pattern.direct_pattern` returns into `inverse` (3, n), with one division for a value.
+def _inverse_pattern(plate: Any, line: Any, count: int, white: Any, inverse: Any) -> None:
+    """Write one over what `pattern.direct_pattern` returns, with one division for a value, and what `lost_light` does,
+    into `inverse` (2, 3, n).
 
-    plate: (2, 3, n) its light and its calm state.
+    plate: (2, 3, n) its light and its calm state. white: light from which a channel is clipped.
     """
     one, dark, direct = np.float32(1.0), np.float32(LEAST_LIGHT), np.float32(LEAST_DIRECT)
     for k in range(3):
-        share, veil, now, mean, out = line[k], line[3 + k], plate[0, k], plate[1, k], inverse[k]
+        share, veil, now, mean, out = line[k], line[3 + k], plate[0, k], plate[1, k], inverse[0, k]
         for i in range(count):
             light, base, least = now[i] - veil[i], mean[i] - veil[i], share[i] + direct * (one - share[i])
             lit = light > least * base
             part, whole = base if lit else one, light if lit else least
             out[i] = part / whole if base > dark else one
+    for i in range(count):
+        brightest = max(plate[0, 0, i], plate[0, 1, i], plate[0, 2, i])
+        for k in range(3):
+            inverse[1, k, i] = one
+        if brightest < white:
+            continue
+        least = min(inverse[0, 0, i], inverse[0, 1, i], inverse[0, 2, i])
+        for k in range(3):
+            if plate[0, k, i] >= white:
+                inverse[1, k, i] = min(inverse[0, k, i] / least, np.float32(MOST_LOST))
+                inverse[0, k, i] /= inverse[1, k, i]
 
 
 @inlined

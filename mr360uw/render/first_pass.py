@@ -441,6 +441,8 @@ def stands(pictures: list[Floats]) -> bool:
     return True
 
 
+_CLIPPED = 0.97
+"""Light from which a channel of a plate that ends at white is clipped: the last few codes."""
 _TYPICAL_HEIGHT_M = 2.0
 """Height of the camera above ground that a distance map gives."""
 _LEAST_HEIGHT_M = 0.2
@@ -487,7 +489,9 @@ def plate_pattern(
     if background is None:
         background = cache.of(_background_of_frame, *_on_ground(loaded, loaded.receiver, cache), plate)
     height_m = _height_above(loaded.receiver.at(plate.index), loaded)
-    return cache.of(PlatePattern, plate, background.mean, height_m, background.strength)
+    coded = not plate.spec.is_wide and (plate.rgb is None or plate.rgb.dtype.kind == "u")
+    white = _CLIPPED if coded else np.inf
+    return cache.of(PlatePattern, plate, background.mean, height_m, background.strength, white)
 
 
 def _background_of_frame(height_m: float, contrast: float, plate: VideoFrame) -> Background:

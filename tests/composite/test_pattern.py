@@ -95,6 +95,30 @@ def test_no_filament_runs_through_an_umbra(render: Any, water: Any, rng: np.rand
     assert np.array_equal(got[free], shown[free])
 
 
+@pytest.mark.parametrize("water", [None, medium()], ids=["air", "water"])
+def test_filaments_that_clip_keep_their_colour_in_half_shade(render: Any, water: Any, rng: np.random.Generator) -> None:
+    """Blue is clipped where waves focus light, red is not: in the penumbra blue is left as it would be unclipped."""
+    ball = placed(sphere(48, radius=0.4), (0.2, -0.4, -1.4))
+    scene = shot(ball, width=WIDTH, medium=water, receiver=FLOOR, sun=replace(SUN, half_angle_rad=0.3), sun_samples=16)
+    shown, background, _ = plate_of(scene, rng.uniform(0.3, 2.5, (WIDTH // 2, WIDTH)))
+    white = float(np.quantile(shown[3 * WIDTH // 8 :, :, 2], 0.6))
+    seen = shown.copy()
+    seen[..., 2] = np.minimum(shown[..., 2], white)
+    whole = over(shown, render(replace(scene, pattern=PlatePattern(Still(shown), background, 1.2, 1.0))))
+    layer = render(replace(scene, pattern=PlatePattern(Still(seen), background, 1.2, 1.0, white)))
+    got = over(seen, layer)
+    lost = (shown[..., 2] > 1.1 * white) & (layer.alpha == 0.0) & (layer.ratio[..., 0] < 0.9)
+    assert lost.sum() > 30
+    wanted = np.minimum(whole[..., 2], white)[lost]
+    off, without = (
+        float(np.sqrt(np.mean((image[..., 2][lost] - wanted) ** 2)))
+        for image in (got, over(seen, render(replace(scene, pattern=PlatePattern(Still(seen), background, 1.2, 1.0)))))
+    )
+    assert off < tol.PATTERN_CLIPPED < 0.6 * without
+    free = (layer.ratio == 1.0).all(axis=-1) & (layer.alpha == 0.0)
+    assert np.array_equal(got[free], seen[free])
+
+
 def test_without_a_mean_detail_of_the_size_of_caustics_goes() -> None:
     """Filaments of 20 cm on the ground are smoothed, the brightness of the ground is kept; the seam is closed."""
     height, width = 128, 256

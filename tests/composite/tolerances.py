@@ -207,3 +207,7 @@ COLUMNS_OFF, COLUMNS_PART = 0.15, 0.01
 """Most places are nearer than this; it is the penumbra of a body that is thinner than a column is wide."""
 COLUMNS_EDGE = 0.02
 """Penumbra of a straight edge against the area of the segment: 32 wide rays."""
+
+PATTERN_CLIPPED = 0.025
+"""RMS of clipped light in half shade against that of a plate which holds it: its red
+tells it but for their different shares of ambient light."""

@@ -20,7 +20,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.tile_blend import LEAST_DIRECT, LEAST_LIGHT, NO_BLURS, Blurs, Picture, calm_line, drawn_towards
+from mr360uw.base.tile_blend import (
+    LEAST_DIRECT,
+    LEAST_LIGHT,
+    MOST_LOST,
+    NO_BLURS,
+    Blurs,
+    Picture,
+    calm_line,
+    drawn_towards,
+)
 from mr360uw.jit import fast
 from mr360uw.types import Floats, Rectangle
 
@@ -46,13 +55,14 @@ class PlatePattern:
     mean: (rows, W, 3) of the clip's last rows, which show the ground, where the camera stands; 0 is taken above them.
     None: then detail of the size of caustics is smoothed.
     height_m: of the camera above the ground, for that size. strength: fraction of that detail that is caustics, 0 to 1;
-    a mean is the calm state as it is.
+    a mean is the calm state as it is. white: light from which a channel of the plate is clipped.
     """
 
     picture: Picture
     mean: Floats | None
     height_m: float
     strength: float
+    white: float = np.inf
 
     def light(self, part: Rectangle) -> tuple[Floats, Floats]:
         """Return the frame and its calm state over a part of it, each (h, w, 3) float32."""
@@ -157,6 +167,14 @@ def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> 
     base = calm - veil
     r = np.where(base > LEAST_LIGHT, (shown - veil) / np.maximum(base, LEAST_LIGHT), 1.0)
     return np.maximum(r, share + LEAST_DIRECT * (1.0 - share))
+
+
+def lost_light(shown: Floats, r: Floats, white: float) -> Floats:
+    """Return how many times the light that they show (..., 3) clipped channels have lost, 1 for others.
+
+    Sunlight brightens all channels alike: the one whose r is greatest tells what the clipped ones would be.
+    """
+    return np.where(shown >= white, np.minimum(r.max(axis=-1, keepdims=True) / r, MOST_LOST), 1.0)
 
 
 @fast

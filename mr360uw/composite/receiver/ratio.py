@@ -21,7 +21,7 @@ from mr360uw.base.constants import BRIGHTEST, DARK
 from mr360uw.base.texels import smoothstep
 from mr360uw.base.tile_blend import BLOCK, NO_BLURS, NO_MEAN, BlockGround, GroundLines, PixelImages
 from mr360uw.composite.light_sources import LightSource
-from mr360uw.composite.receiver.pattern import direct_pattern
+from mr360uw.composite.receiver.pattern import direct_pattern, lost_light
 from mr360uw.composite.shading import ambient_irradiance
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import places_in_mask
@@ -102,8 +102,11 @@ def receiver_ratio(
             waves = source.pattern(point, distance_m * np.pi / shot.view.height) if receiver.caustics else waves
     share = ambient_share(shot, sources, point, normal)
     r = np.ones_like(share) if plate is None else direct_pattern(*plate, share)
+    lost = np.ones_like(r) if plate is None or shot.pattern is None else lost_light(plate[0], r, shot.pattern.white)
+    r = r * lost
     ratio = share * free + (r - share) * seen[:, None] * waves
     ratio = (ratio + added_light(shot, sources, point, normal, sides)) / r
+    ratio = np.where(ratio < 1.0, np.minimum(ratio * lost, 1.0), ratio)  # what is shaded of it may still be clipped
     weight = 1.0 - smoothstep(distance_m / receiver.extent_m, FADE_FROM, 1.0)
     return 1.0 + weight[:, None] * (ratio - 1.0)
 
@@ -150,6 +153,6 @@ def ground_of(
     first = np.searchsorted(row, np.arange(len(corner)))
     lines = GroundLines(
         first, column, corner, images, height, np.float32(shot.unseen), pattern is not None, mean, blurs,
-        np.float32(strength),
+        np.float32(strength), np.float32(np.inf if pattern is None else pattern.white),
     )  # fmt: skip
     return BlockGround(lines, None if pattern is None else pattern.picture)
