@@ -109,7 +109,7 @@ def _rim(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray((outer > inner)[:, reach:-reach])
 
 
-_GHOST_CODES, _NEARER = 12.0, 0.7
+_GHOST_CODES, _NEARER = 8.0, 0.7
 """Difference [codes] from the plate below which a body is a ghost, and the fraction of its distance tried next."""
 
 
