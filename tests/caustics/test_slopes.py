@@ -19,7 +19,7 @@ from tests.composite.scenes import placed, shot, sphere
 
 INDEX = 1.34
 SUN = unit([0.35, 0.9, 0.2])
-SETTINGS = CausticSettings(size=256)
+SETTINGS = CausticSettings()
 RADIUS_M, HEIGHT_M, DEPTH_M = 0.5, 2.0, 6.0
 """Of a ball over the ground, and of the ground below the surface."""
 

@@ -106,5 +106,5 @@ SLOPE_OF_A_RAY = 4e-4
 """Slopes at places that single rays reach: a pixel of 7 cm is a mean over a hundredth of a wave of 8 m."""
 SLOPES_SUMMED = 3e-3
 """RMS of slopes from coarser cells against those of all of them: a tenth of what there is."""
-BENT_SHADOW = 0.075
-"""RMS of the light at the edge of a shadow against photons, whose noise in squares of 3 cm adds 0.025."""
+BENT_SHADOW = 0.065
+"""RMS of the light at the edge of a shadow against photons in squares of 3 cm: 0.060, of which noise is 0.008."""
