@@ -100,6 +100,12 @@ def soft_caustic_lookup(
     return soft + (sharp - soft) * np.asarray(unturned, np.float64)
 
 
+def along_beam(stack: CausticStack, x_m: Floats, depth_m: Floats, z_m: Floats) -> tuple[Floats, Floats]:
+    """Return where the beam through points (...) crosses the mean surface, in tiles along x and z."""
+    up = depth_m / stack.sun_direction[1]
+    return (x_m + stack.sun_direction[0] * up) / stack.tile_m, (z_m + stack.sun_direction[2] * up) / stack.tile_m
+
+
 def caustic_lookup(
     stack: CausticStack,
     levels: Sequence[Floats],
@@ -119,8 +125,7 @@ def caustic_lookup(
     lower = np.minimum(position.astype(np.int64), max(len(planes) - 2, 0))
     fraction = (position - lower)[..., None]
     level = mip_level(footprint, stack.tile_m / stack.ratio.shape[1], len(levels) - 1.0)
-    up = d / stack.sun_direction[1]
-    u, v = (x + stack.sun_direction[0] * up) / stack.tile_m, (z + stack.sun_direction[2] * up) / stack.tile_m
+    u, v = along_beam(stack, x, d, z)
     above = periodic_trilinear(levels, lower, u, v, level)
     if len(planes) == 1:
         return above

@@ -82,6 +82,8 @@ JUST_BELOW_M = 0.01
 DEPTH_FRAME_S, DEPTH_EYES_S = 1.4, 7.0
 """Time [s] that `mr360uw depth` takes on two cores for a frame of 1024 columns, and for both eyes of one of 2048."""
 
+CLIPPED_LIGHT = 0.97
+"""Light from which a channel of a plate that ends at white is clipped: the last few codes."""
 MOST_LIGHT = 1e9
 """Most linear light of a plate's sample, either way: a thousand times the sun's disc beside a white that is 1. Sums
 over a frame stay finite in single precision."""

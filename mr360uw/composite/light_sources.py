@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, PartOf, Same
 from mr360uw.base.caustic_lookup import (
+    along_beam,
     caustic_lookup,
     levels_of,
     mip_level,
@@ -102,24 +103,24 @@ def ground_slopes(shot: Shot, point: Floats, sides: Floats | None = None) -> Flo
     if sides is not None:
         (ax, ay, az), (bx, by, bz) = np.moveaxis(sides, 0, -1)
         width_m = np.sqrt(np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2))
-    # Follow the beam up to the mean surface, and read the level whose pixels are as wide
+    # Read the level whose pixels are as wide, where the beam crosses the mean surface
     level = mip_level(width_m, stack.tile_m / stack.slopes[0].shape[1], len(stack.slopes) - 1.0)
-    place = (
-        point + shot.view.position + (shot.view.depth_of(point) / stack.sun_direction[1])[:, None] * stack.sun_direction
-    )
-    u, v = place[:, 0] / stack.tile_m, place[:, 2] / stack.tile_m
+    world = point + shot.view.position
+    u, v = along_beam(stack, world[:, 0], shot.view.depth_of(point), world[:, 2])
     return periodic_trilinear(stack.slopes, np.zeros(len(point), np.int64), u, v, level)
 
 
-_BOUND = 0.02
-"""Step of `steepest_slope`: one that changed with every frame would let nothing be kept from frame to frame."""
+_BOUND, _ENOUGH = 0.02, 64
+"""Step of `steepest_slope`, for one that changed with every frame would let nothing be kept from frame to frame; and
+pixels across the map that it is taken from, at most."""
 
 
 def steepest_slope(shot: Shot) -> float:
     """Return how far waves turn all but a twentieth of the beam on the ground, in metres across for each along it."""
     if shot.caustics is None or not shot.caustics.slopes:
         return 0.0
-    mean_x, mean_z, radius = np.moveaxis(shot.caustics.slopes[0], -1, 0)
+    coarse = next(level for level in shot.caustics.slopes if level.shape[1] <= _ENOUGH)
+    mean_x, mean_z, radius = np.moveaxis(coarse, -1, 0)
     return _BOUND * math.ceil(float(np.quantile(np.hypot(mean_x, mean_z) + radius, 0.95)) / _BOUND)
 
 

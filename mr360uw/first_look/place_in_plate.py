@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.color import luminance
+from mr360uw.base.constants import CLIPPED_LIGHT
 from mr360uw.base.sphere import direction_from_angles, frame_from_direction
 from mr360uw.composite.mesh.up_axis import Habit, Up
 from mr360uw.errors import ParameterError
@@ -270,9 +271,8 @@ _DIM = 0.002
 _RED, _BLACK, _WHITE, _CLIPS = 1.5, 0.25, 1.5, 0.15
 """Costs of red, of darkness (a factor of e), of white, and of a clipped channel, over those of texture (rms of the
 logarithm of light)."""
-_CLIPPED, _GLITTER = 0.97, 0.9
-"""Linear light from which a channel counts as clipped, as blue does in bright water, and luminance from which water is
-white: the sun's glitter, or the sky above."""
+_GLITTER = 0.9
+"""Luminance from which water is white: the sun's glitter, or the sky above."""
 _OFF_LEVEL, _OFF_MIDDLE = 0.008, 0.002
 """Costs for a degree from the wanted elevation, and from the middle of the frame: ties go to where one looks first."""
 
@@ -307,7 +307,7 @@ def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: 
     cost = texture + _BLACK * np.maximum(np.quantile(bright, 0.8) - bright, 0.0)
     if underwater:
         cost += _WHITE * mean((luminance(wrapped) > _GLITTER).astype(np.float32))
-        cost += _CLIPS * mean((wrapped.max(axis=-1) > _CLIPPED).astype(np.float32))
+        cost += _CLIPS * mean((wrapped.max(axis=-1) > CLIPPED_LIGHT).astype(np.float32))
         cost += _RED * mean(np.nan_to_num(np.minimum(red_ratio(wrapped), 1.0), nan=0.0))
     # Prefer directions near the middle, within the elevations; take the least cost
     elevation = 90.0 - (np.arange(height) + 0.5) / scale

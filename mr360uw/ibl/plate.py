@@ -93,7 +93,7 @@ def remap(image: NDArray[Any], x: Floats, y: Floats) -> NDArray[Any]:
 # water whose exposure was raised by half a stop to two, the colour of the light is then off by 8 % for 14 %,
 # and half of what it loses is found again; of panoramas in air, 8 % for 9 %.
 
-_FILL_FROM, _FILL_TO = 0.8, 0.95
+FILL_FROM, _FILL_TO = 0.8, 0.95
 """Radiance of a coarse pixel, a mean of many of the plate's, from which a channel counts as clipped, and wholly."""
 _FILL_DEG, _FILL_NEXT = (4.0, 12.0, 36.0), 0.01
 """Standard deviations of the means' Gaussians [deg], and the weight of each over that before it."""
@@ -105,7 +105,7 @@ _FILL_DARK = 0.01
 
 def unclipped(coarse: Floats) -> Floats:
     """Return the coarse map (h, w, 3) of a plate that ends at display white with its clipped channels filled."""
-    clipped = smoothstep(coarse, _FILL_FROM, _FILL_TO).astype(np.float32)
+    clipped = smoothstep(coarse, FILL_FROM, _FILL_TO).astype(np.float32)
     if not np.any(clipped > 0.0):
         return coarse
     filled, size = coarse.astype(np.float32), row_solid_angle(coarse.shape[1], coarse.shape[0])[:, None]

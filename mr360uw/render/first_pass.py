@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, Parts
 from mr360uw.base.color import LUMINANCE, luminance
+from mr360uw.base.constants import CLIPPED_LIGHT
 from mr360uw.base.progress import Progress, one_blas_thread, prefetch
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
@@ -441,8 +442,6 @@ def stands(pictures: list[Floats]) -> bool:
     return True
 
 
-_CLIPPED = 0.97
-"""Light from which a channel of a plate that ends at white is clipped: the last few codes."""
 _TYPICAL_HEIGHT_M = 2.0
 """Height of the camera above ground that a distance map gives."""
 _LEAST_HEIGHT_M = 0.2
@@ -490,7 +489,7 @@ def plate_pattern(
         background = cache.of(_background_of_frame, *_on_ground(loaded, loaded.receiver, cache), plate)
     height_m = _height_above(loaded.receiver.at(plate.index), loaded)
     coded = not plate.spec.is_wide and (plate.rgb is None or plate.rgb.dtype.kind == "u")
-    white = _CLIPPED if coded else np.inf
+    white = CLIPPED_LIGHT if coded else np.inf
     return cache.of(PlatePattern, plate, background.mean, height_m, background.strength, white)
 
 

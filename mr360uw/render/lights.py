@@ -41,6 +41,7 @@ from mr360uw.ibl.plate import (
     COARSE_COLUMNS,
     COARSE_ROWS,
     DISPLAY_WHITE,
+    FILL_FROM,
     LinearPlate,
     Plate,
     checked_plate,
@@ -62,8 +63,6 @@ from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
 _SAMPLES = (6, 12)
 """Rows above and below the horizon, and columns of each azimuth, at which a plate's horizon is read."""
-_BRIGHT = 0.8
-"""Linear light from which a channel may be clipped in part of a pixel of the coarse map."""
 _FINER = 8
 """Planes are averaged as code values to cells this many times finer than the map, before they are decoded to light."""
 
@@ -88,7 +87,8 @@ def world_view(plate: Floats | YuvImage, world_from_camera: Floats) -> Floats:
     """
     import cv2
 
-    fine, growth = np.ascontiguousarray(small_picture(plate)), _growth(plate)
+    fine = np.ascontiguousarray(small_picture(plate))
+    growth = _growth(plate, fine)
     if np.any(growth > 1.0):
         fine = fine * cv2.resize(growth, fine.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     if not np.allclose(world_from_camera, np.eye(3), atol=1e-9):
@@ -107,16 +107,21 @@ def level_view(plate: Floats | YuvImage, up: ArrayLike | None = None) -> LevelVi
     column, row = _places(width, height, upward(up).tobytes())
     rows, columns = _SAMPLES
     light = _pixels(plate, row, column)
-    if np.any(light > _BRIGHT):
-        light = light * _growth(plate)[row * COARSE_ROWS // height, column * COARSE_COLUMNS // width]
+    if np.any(light > FILL_FROM):
+        light = (
+            light * _growth(plate, small_picture(plate))[row * COARSE_ROWS // height, column * COARSE_COLUMNS // width]
+        )
     light = light.reshape(2, rows, SECTORS, columns, 3).mean(axis=(1, 3))
     half = float(np.sin(0.5 * _reach(height)))
     return np.array([half, -half]), light
 
 
-def _growth(plate: Floats | YuvImage) -> NDArray[np.float32]:
-    """Return the factors (128, 256, 3) by which a plate's clipped channels lost light, see `unclipped`; 1 elsewhere."""
-    shown = np.maximum(reduce_map(small_picture(plate), COARSE_COLUMNS, COARSE_ROWS), _LEAST_LIGHT)
+def _growth(plate: Floats | YuvImage, fine: Floats) -> NDArray[np.float32]:
+    """Return the factors (128, 256, 3) by which a plate's clipped channels lost light, see `unclipped`; 1 elsewhere.
+
+    fine: its `small_picture`.
+    """
+    shown = np.maximum(reduce_map(fine, COARSE_COLUMNS, COARSE_ROWS), _LEAST_LIGHT)
     wide = plate.spec.is_wide if isinstance(plate, YuvImage) else float(np.max(plate)) > DISPLAY_WHITE
     return np.asarray(np.ones_like(shown) if wide else unclipped(shown) / shown, np.float32)
 

@@ -111,7 +111,7 @@ class Visibility:
         """Return for balls (n, 4), middle and radius, which of the sun's lights bodies may hide (n, 2): 0 neither, 1
         the halo, 2 part of the disc, 3 all of both; and the distance [m] to the nearest such body.
 
-        steepest: how far waves turn any of the beam, of `light_sources.steepest_slope`.
+        steepest: how far waves turn the beam, of `light_sources.steepest_slope`.
         """
         found, lights = np.empty((len(places), 2)), self.lights[: HALO + 1].copy()
         lights[DISC, 2] += steepest

@@ -141,11 +141,10 @@ class ObjectPass:
         uniforms = light.uniforms | {"filter_width": filter_width(shot.draw.samples, shot.draw.shading)}
         for part in parts:
             # Give them the mesh, the bodies' values and the light, and compile what these need, and no more
-            mesh, places, still = part.mesh, bodies[1].get(part.mesh), None
-            poses = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
+            mesh, places, still, keep = part.mesh, bodies[1].get(part.mesh), None, _KEPT_MESHES
             if mesh.rest is not None:  # what all of its poses share
                 still, places = self._cache.of(upload_still, mesh.still, places, keep=_KEPT_MESHES), None
-            keep = _KEPT_MESHES if still is None else poses
+                keep = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
             of_mesh, defines = self._cache.of(upload_mesh, mesh, places, still, keep=keep)
             defines = {"OUTPUTS": outputs} | defines | light.defines
             defines |= {"BLENDED": 1} if blended else {}
