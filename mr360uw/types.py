@@ -512,9 +512,9 @@ class CausticStack(Shown):
     soft : ndarray or None
         The ratio (D, size, size, 1) of the light that the water has turned by small angles; None: even.
     slopes : tuple of ndarray
-        How waves turn the beam that falls on a ground, (1, s, s, 3) and its halves down to one pixel: mean slope x and
-        z of its light over that below a flat surface, in metres across for each of depth, and the radius of a disc
-        as wide as its spread about the mean. Empty where no ground was named.
+        How waves turn the beam that falls on a ground, (1, s, s, 4) and its halves down to one pixel: sums over its
+        light w, mean 1, of w, w s along x and z, and w |s|^2. A slope s is that of a ray over that below a flat
+        surface, in metres across for each of depth. Empty where no ground was named.
 
     See Also
     --------

@@ -45,7 +45,7 @@ def levels_of(stack: CausticStack | None) -> tuple[list[Floats], list[Floats]]:
 
 @exact
 def _add_bilinear(image: Any, plane: Any, u: Any, v: Any, weight: Any, result: Any) -> None:
-    """Add `weight` (n,) times values of an image (D, size, size, C), periodic and bilinear, to `result` (n, 3)."""
+    """Add `weight` (n,) times values of an image (D, size, size, C), periodic and bilinear, to `result` (n, k)."""
     size, channels = image.shape[1], image.shape[3]
     for n in range(len(u)):
         if weight[n] > 0.0:
@@ -53,7 +53,7 @@ def _add_bilinear(image: Any, plane: Any, u: Any, v: Any, weight: Any, result: A
             i, j = int(np.floor(x)), int(np.floor(y))
             fx, fy, p = x - i, y - j, plane[n]
             i0, i1, j0, j1 = i % size, (i + 1) % size, j % size, (j + 1) % size
-            for c in range(3):
+            for c in range(result.shape[1]):
                 k = c % channels
                 result[n, c] += weight[n] * _between_four(
                     image[p, j0, i0, k], image[p, j0, i1, k], image[p, j1, i0, k], image[p, j1, i1, k], fx, fy
@@ -63,16 +63,17 @@ def _add_bilinear(image: Any, plane: Any, u: Any, v: Any, weight: Any, result: A
 def periodic_trilinear(
     levels: Sequence[Floats], plane: NDArray[np.int64], u: Floats, v: Floats, level: Floats
 ) -> Floats:
-    """Return values (..., 3) of mip levels (D, size, size, 3) at tile coordinates (u, v) and fractional `level`.
+    """Return values (..., k) of mip levels (D, size, size, C) at tile coordinates (u, v) and fractional `level`; k is
+    3, or C where that is more.
 
     All arguments (...,) have one shape; `plane` holds integers below D.
     """
-    result = np.zeros((u.size, 3))
+    result = np.zeros((u.size, max(levels[0].shape[3], 3)))
     for k, image in enumerate(levels):
         weight = np.maximum(1.0 - np.abs(level - k), 0.0)
         if np.any(weight > 0.0):
             _add_bilinear(image, plane.ravel(), u.ravel(), v.ravel(), weight.ravel(), result)
-    return result.reshape(*u.shape, 3)
+    return result.reshape(*u.shape, -1)
 
 
 def mip_level(footprint_m: ArrayLike, pixel_m: float, last: float) -> Floats:
@@ -104,6 +105,25 @@ def along_beam(stack: CausticStack, x_m: Floats, depth_m: Floats, z_m: Floats) -
     """Return where the beam through points (...) crosses the mean surface, in tiles along x and z."""
     up = depth_m / stack.sun_direction[1]
     return (x_m + stack.sun_direction[0] * up) / stack.tile_m, (z_m + stack.sun_direction[2] * up) / stack.tile_m
+
+
+_DARK = 0.02
+"""Light over the mean that is added to denominators: what is darker shows no edge."""
+
+
+def mean_slopes(sums: Floats) -> Floats:
+    """Return the mean slope x, z of light and the radius of a disc as wide as its spread (..., 3), of sums (..., 4) of
+    `CausticStack.slopes`.
+
+        mean m = sum(w s) / sum(w)        spread v = sum(w |s|^2) / sum(w) - |m|^2
+
+    A disc of radius r has the variance r^2/4 along each axis, so r = sqrt(2 v).
+    """
+    light, mean_x, mean_z, square = np.moveaxis(sums, -1, 0)
+    inverse = 1.0 / (light + _DARK)
+    mean_x, mean_z = mean_x * inverse, mean_z * inverse
+    spread = square * inverse - mean_x * mean_x - mean_z * mean_z
+    return np.stack([mean_x, mean_z, np.sqrt(2.0 * np.maximum(spread, 0.0))], axis=-1)
 
 
 def caustic_lookup(

@@ -34,7 +34,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,9 +64,10 @@ from mr360uw.caustics.sun_disc import (
     soft_light,
 )
 from mr360uw.errors import ParameterError
-from mr360uw.jit import exact
+from mr360uw.jit import exact, inlined
 from mr360uw.types import BeamSpread, CausticStack, Floats, Surface
 
+Floats32 = NDArray[np.float32]
 _WAVELENGTHS_NM = (610.0, 550.0, 465.0)
 """Wavelengths [nm] at which the refractive index of red, green and blue is taken: the primaries' dominant ones."""
 _DEEPEST_M = 11000.0
@@ -243,21 +244,15 @@ def caustic_stack(
 # differs from place to place. A place gets light from one cell of the surface, or behind a fold from three or more.
 # Its mean slope moves the edge of a shadow there, in straight pieces along the cells of the caustics, and its spread
 # about the mean softens it, as a wider sun would. Both follow from sums over the light w of rays of slope s that fall
-# into a pixel:
-#
-#     mean m = sum(w s) / sum(w)        spread v = sum(w |s|^2) / sum(w) - |m|^2
-#
-# A disc of radius r has the variance r^2/4 along each axis, so r = sqrt(2 v). Sums add up over pixels: the slopes over
-# a footprint are those of the level whose pixels are as wide. Against photons that a ball stops 2 m above the ground,
-# in 3 m/s of wind, light within 0.2 m of the edge is off by 0.06, where that of parallel light is off by 0.26.
+# into a pixel, of w, w s and w |s|^2 (`caustic_lookup.mean_slopes`). Sums add up over pixels: those over a footprint
+# are those of the level whose pixels are as wide. Against photons that a ball stops 2 m above the ground, in 3 m/s of
+# wind, light within 0.2 m of the edge is off by 0.06, where that of parallel light is off by 0.26.
 
 
 _SLOPE_M = 0.035
 """Width [m] of a pixel of the maps of slopes, at most: twice as wide, light at edges is off by 0.07 instead of 0.06."""
-_DARK = 0.02
-"""Light of a pixel over the mean that is added to the denominators: what is darker shows no edge."""
-_MOST_POINTS = 64
-"""Points across one cell that stand for its light in these maps, at most."""
+_SPACING, _MOST_POINTS = 2.0, 64
+"""Greatest distance [pixel] of the points that stand for a cell's light in these maps, and most of them across it."""
 
 
 def slopes_of(
@@ -271,16 +266,9 @@ def slopes_of(
     """
     size = min(settings.size, 1 << math.ceil(math.log2(max(sea.tile_m / _SLOPE_M, 1.0))))
     sums, short = np.zeros((size, size, 4), np.float32), _short_waves(tuple(sun.tolist()), refractive_index, sea)
-    _sum_slopes(corners, flux * (size * size / flux.sum()), depth_m, size / sea.tile_m, sums)
-    # Mean and spread of every level; waves that are too short for the cells spread it further
-    levels = []
-    for level in mip_levels(sums[None]):
-        light = level[..., :1] + np.float32(_DARK)
-        mean = level[..., 1:3] / light
-        spread = level[..., 3:] / light - np.sum(mean * mean, axis=-1, keepdims=True)
-        radius = np.sqrt(2.0 * (np.maximum(spread, 0.0) + np.float32(short)))
-        levels.append(np.concatenate([mean, radius], axis=-1))
-    return tuple(levels)
+    cells = corners.astype(np.float32, copy=False), flux.astype(np.float32, copy=False)
+    _sum_slopes(*cells, depth_m, size / sea.tile_m, size * size / float(flux.sum()), short, sums)
+    return tuple(mip_levels(sums[None]))
 
 
 @shared(keep=8)
@@ -289,51 +277,75 @@ def _short_waves(sun: tuple[float, ...], refractive_index: float, sea: Sea) -> f
     return float(np.sum(detail_footprint(np.array(sun), refractive_index, sea.blur_slope, 1.0) ** 2))
 
 
+@inlined
+def _patch(of: Any, j: Any, i: Any) -> Any:
+    """Return the coefficients of 1, s, t and s t between the corners of a cell (j, i)."""
+    a = of[j, i]
+    b, d = of[j, i + 1] - a, of[j + 1, i] - a
+    return a, b, d, of[j + 1, i + 1] - a - b - d
+
+
+@inlined
+def _add_to_pixel(flat: Any, pixel: Any, light: Any, u: Any, v: Any, square: Any) -> None:
+    """Add a light of slope (u, v) to the four sums of a pixel."""
+    first = np.uint64(4 * pixel)
+    flat[first] += light
+    flat[first + np.uint64(1)] += light * u
+    flat[first + np.uint64(2)] += light * v
+    flat[first + np.uint64(3)] += light * square
+
+
 @exact
-def _sum_slopes(corners: Floats, flux: Floats, depth_m: float, scale: float, sums: NDArray[np.float32]) -> None:
-    """Add the light of cells on a plane to sums (size, size, 4) over pixels: of w, w s (2) and w |s|^2, as points
-    shared bilinearly by four pixels. corners, flux: of `slopes_of`. scale: pixels for a metre.
+def _sum_slopes(
+    corners: Floats32,
+    flux: Floats32,
+    depth_m: float,
+    scale: float,
+    gain: float,
+    short: float,
+    sums: Floats32,
+) -> None:
+    """Add the light of cells on a plane to sums (size, size, 4) over pixels: of w, w s (2) and w (|s|^2 + short), as
+    points shared bilinearly by four pixels.
+
+    corners, flux: of `slopes_of`. scale: pixels for a metre. gain: factor on the flux.
     """
     cells, size = len(flux), len(sums)
-    last = size - 1  # a power of two less one, whose bits are those of places in the tile
-    at = np.empty((4, 4))
+    flat, last = sums.reshape(-1), size - 1  # a power of two less one, whose bits are those of places in the tile
+    one, half, closer = np.float32(1.0), np.float32(0.5), np.float32(1.0 / _SPACING)
+    depth, pixels, more = np.float32(depth_m), np.float32(scale), np.float32(short)
     for j in range(cells):
         for i in range(cells):
-            # Points a pixel and a half apart, along the longest side of its image
-            for k in range(4):
-                for field in range(4):
-                    at[k, field] = corners[field, j + k // 2, i + k % 2]
-            side = 1.0
-            for k, m in ((0, 1), (0, 2), (3, 1), (3, 2)):
-                x = (at[k, 0] - at[m, 0] + (at[k, 2] - at[m, 2]) * depth_m) * scale
-                z = (at[k, 1] - at[m, 1] + (at[k, 3] - at[m, 3]) * depth_m) * scale
-                side = max(side, x * x + z * z)
-            across = min(math.ceil(math.sqrt(side) / 1.5), _MOST_POINTS)
-            step = 1.0 / across
-            light = flux[j, i] * step * step
-            for row in range(across):
-                t = (row + 0.5) * step
-                for column in range(across):
-                    s = (column + 0.5) * step
-                    a, b, c, d = (1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t
-                    slope_x = a * at[0, 2] + b * at[1, 2] + c * at[2, 2] + d * at[3, 2]
-                    slope_z = a * at[0, 3] + b * at[1, 3] + c * at[2, 3] + d * at[3, 3]
-                    x = a * at[0, 0] + b * at[1, 0] + c * at[2, 0] + d * at[3, 0] + slope_x * depth_m
-                    z = a * at[0, 1] + b * at[1, 1] + c * at[2, 1] + d * at[3, 1] + slope_z * depth_m
-                    u, v = x * scale - 0.5, z * scale - 0.5
-                    left, top = math.floor(u), math.floor(v)
-                    fx, fz = u - left, v - top
-                    i0, j0 = int(left) & last, int(top) & last
-                    i1, j1 = (i0 + 1) & last, (j0 + 1) & last
-                    for p, q, weight in (
-                        (j0, i0, (1.0 - fx) * (1.0 - fz)), (j0, i1, fx * (1.0 - fz)),
-                        (j1, i0, (1.0 - fx) * fz), (j1, i1, fx * fz),
-                    ):  # fmt: skip
-                        lit = light * weight
-                        sums[p, q, 0] += lit
-                        sums[p, q, 1] += lit * slope_x
-                        sums[p, q, 2] += lit * slope_z
-                        sums[p, q, 3] += lit * (slope_x * slope_x + slope_z * slope_z)
+            # Slopes and places [pixel] between the corners of a cell
+            (ua, ub, ud, ue), (va, vb, vd, ve) = _patch(corners[2], j, i), _patch(corners[3], j, i)
+            (ax, bx, dx, ex), (az, bz, dz, ez) = _patch(corners[0], j, i), _patch(corners[1], j, i)
+            ax, az = (ax + ua * depth) * pixels - half, (az + va * depth) * pixels - half
+            bx, bz, dx, dz = bx + ub * depth, bz + vb * depth, dx + ud * depth, dz + vd * depth
+            bx, bz, dx, dz = bx * pixels, bz * pixels, dx * pixels, dz * pixels
+            ex, ez = (ex + ue * depth) * pixels, (ez + ve * depth) * pixels
+            # As many points across as its longest side needs
+            opposite = max((bx + ex) ** 2 + (bz + ez) ** 2, (dx + ex) ** 2 + (dz + ez) ** 2)
+            side = max(bx * bx + bz * bz, dx * dx + dz * dz, opposite)
+            across = min(max(math.ceil(math.sqrt(side) * closer), 1), _MOST_POINTS)
+            step = one / np.float32(across)
+            light = flux[j, i] * np.float32(gain) * step * step
+            t = half * step
+            for _ in range(across):
+                x, z, run_x, run_z = ax + t * dx, az + t * dz, bx + t * ex, bz + t * ez
+                u, v, run_u, run_v = ua + t * ud, va + t * vd, ub + t * ue, vb + t * ve
+                s = half * step
+                for _ in range(across):
+                    at_x, at_z, to_u, to_v = x + s * run_x, z + s * run_z, u + s * run_u, v + s * run_v
+                    left, top = math.floor(at_x), math.floor(at_z)
+                    i0, j0, i1, j1 = left & last, top & last, (left + 1) & last, (top + 1) & last
+                    right, low = at_x - np.float32(left), (at_z - np.float32(top)) * light
+                    high, square = light - low, to_u * to_u + to_v * to_v + more
+                    _add_to_pixel(flat, j0 * size + i0, high - high * right, to_u, to_v, square)
+                    _add_to_pixel(flat, j0 * size + i1, high * right, to_u, to_v, square)
+                    _add_to_pixel(flat, j1 * size + i0, low - low * right, to_u, to_v, square)
+                    _add_to_pixel(flat, j1 * size + i1, low * right, to_u, to_v, square)
+                    s += step
+                t += step
 
 
 @functools.cache

@@ -28,6 +28,7 @@ from mr360uw.base.cache import shared
 from mr360uw.base.optics import into_water
 from mr360uw.caustics.irradiance import (
     STEEPEST_RAY,
+    Floats32,
     RefractedBeam,
     caustic_stack,
     pass_indices,
@@ -48,8 +49,6 @@ from mr360uw.caustics.sun_disc import (
 )
 from mr360uw.jit import exact
 from mr360uw.types import BeamSpread, CausticStack, Floats
-
-Floats32 = NDArray[np.float32]
 
 _LEAST_BLUR = 0.2
 """Least standard deviation [pixel] of the blur of planes that are summed from points: sharper ones show them."""

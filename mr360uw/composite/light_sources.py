@@ -33,6 +33,7 @@ from mr360uw.base.caustic_lookup import (
     along_beam,
     caustic_lookup,
     levels_of,
+    mean_slopes,
     mip_level,
     periodic_trilinear,
     soft_caustic_lookup,
@@ -91,8 +92,8 @@ def widest_half_angle(shot: Shot) -> float:
 
 
 def ground_slopes(shot: Shot, point: Floats, sides: Floats | None = None) -> Floats:
-    """Return how waves turn the beam at points (n, 3) of the ground, `CausticStack.slopes` (n, 3) as means over
-    footprints; (0, 3) where they do not.
+    """Return how waves turn the beam at points (n, 3) of the ground, `mean_slopes` (n, 3) over footprints; (0, 3) where
+    they do not.
 
     sides: (n, 2, 3) [m] of the footprints; None for points.
     """
@@ -107,7 +108,7 @@ def ground_slopes(shot: Shot, point: Floats, sides: Floats | None = None) -> Flo
     level = mip_level(width_m, stack.tile_m / stack.slopes[0].shape[1], len(stack.slopes) - 1.0)
     world = point + shot.view.position
     u, v = along_beam(stack, world[:, 0], shot.view.depth_of(point), world[:, 2])
-    return periodic_trilinear(stack.slopes, np.zeros(len(point), np.int64), u, v, level)
+    return mean_slopes(periodic_trilinear(stack.slopes, np.zeros(len(point), np.int64), u, v, level))
 
 
 _BOUND, _ENOUGH = 0.02, 64
@@ -120,7 +121,7 @@ def steepest_slope(shot: Shot) -> float:
     if shot.caustics is None or not shot.caustics.slopes:
         return 0.0
     coarse = next(level for level in shot.caustics.slopes if level.shape[1] <= _ENOUGH)
-    mean_x, mean_z, radius = np.moveaxis(coarse, -1, 0)
+    mean_x, mean_z, radius = np.moveaxis(mean_slopes(coarse), -1, 0)
     return _BOUND * math.ceil(float(np.quantile(np.hypot(mean_x, mean_z) + radius, 0.95)) / _BOUND)
 
 

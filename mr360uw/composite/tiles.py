@@ -373,8 +373,6 @@ def mean_layer(layers: Sequence[Layer]) -> Layer:
     Radiance, alpha, ratio and shafts are averaged over all layers, the veil over those that change the pixel; the
     distance is the least.
     """
-    if len(layers) == 1:
-        return layers[0]
     height, width, layers = layers[0].height, layers[0].width, [layer.laid() for layer in layers]
     tiles = []
     for rectangle in even_tiles([t.rectangle for layer in layers for t in layer.tiles], width, height):

@@ -193,7 +193,8 @@ def blend_frame(loaded: Loaded, analysis: ClipAnalysis, shots: FrameShots, by_ey
     """Return the composite of what was drawn and the plate, on any thread, beside the next frame."""
     frames = []
     for (plate, instants), drawn in zip(shots.eyes, by_eye, strict=True):
-        layer = mean_layer([layer for layer, _ in drawn]) if drawn else Layer(loaded.height, loaded.width, ())
+        layers = [layer for layer, _ in drawn] or [Layer(loaded.height, loaded.width, ())]
+        layer = layers[0] if len(layers) == 1 else mean_layer(layers)
         if any(np.any(tile.alpha > 0.0) for tile in layer.tiles):
             look = asked_grade(shots.now, analysis.grade, shots.filed, cache)  # of the left eye for both
             layer = cache.of(with_grade, layer, look, plate) if look.reach_px > 0 else layer

@@ -126,8 +126,6 @@ def ungraded(loaded: Loaded, grade: PlateGrade | None, plate: VideoFrame, cache:
 
     grade: of the clip; None measures it in this frame alone.
     """
-    if not loaded.scene.match.colours:
-        return plate
     colour = asked_grade(loaded, grade, plate, cache).colour
     return cache.of(VideoFrame.graded_by, plate, colour) if colour.changes else plate
 

@@ -10,7 +10,7 @@ import pytest
 
 from mr360uw.base.cache import Cache
 from mr360uw.composite.ambient.blocked_light import most_blocked
-from mr360uw.composite.ambient.ground_light import SMOOTH_PATCH, camera_place, ground_field, make_quadtree
+from mr360uw.composite.ambient.ground_light import SMOOTH_PATCH, ground_field, make_quadtree
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.shot import BetweenSamples, LightSample, Receiver, Shot
 from mr360uw.types import Floats
@@ -63,7 +63,7 @@ def test_patches_of_different_size_meet_without_a_step(scene: Shot, rng: np.rand
     light = ambient_light(scene, Cache())
     assert light is not None
     origin = light.layout.below(FLOOR_Y_M)
-    patches = make_quadtree(light.layout.occluders_from(origin), camera_place(-origin), 2.0 * np.pi / 256, 8.0)
+    patches = make_quadtree(light.layout.occluders_from(origin), -origin, 2.0 * np.pi / 256, 8.0)
     assert len(patches.hanging) > 0
     patches.kind[patches.kind > 0] = SMOOTH_PATCH
     values = patches.joined(rng.uniform(size=(len(patches.place), 1)))

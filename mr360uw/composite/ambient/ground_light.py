@@ -156,14 +156,6 @@ def make_quadtree(bodies: Occluders, camera: Floats, pixel_rad: float, extent_m:
     return Quadtree(low, root_m, roots, child, kind, sample, samples.place, joined(samples.parts), *of_larger)
 
 
-def camera_place(camera: Floats) -> Floats:
-    """Return the place (3,) of a camera from a point of the ground, rounded to about a quarter of its height: from
-    there patches are as fine.
-    """
-    step = 2.0 ** np.round(np.log2(max(abs(camera[1]), _LOWEST_M))) * _CAMERA_STEP
-    return np.asarray(np.round(camera / step) * step + 0.0)
-
-
 class _Samples:
     """Places at which it is found what bodies block: each once, whichever squares share it. up: 1, or -1 for ground
     that is seen from below.
@@ -368,7 +360,10 @@ def ground_field(shot: Shot, light: AmbientLight | None, cache: Cache) -> Ground
     if light is None or receiver is None or receiver.plane_y is None or not light.layout.ground_bodies:
         return GroundField(shot, light, weakref.ref(cache), np.zeros(3), (), 0.0)
     origin, patches = light.layout.below(receiver.plane_y), []
-    camera, pixel_rad, gap_m = camera_place(shot.view.position - origin), 2.0 * np.pi / shot.view.width, np.inf
+    camera, pixel_rad, gap_m = shot.view.position - origin, 2.0 * np.pi / shot.view.width, np.inf
+    # From a place rounded to about a quarter of its height patches are as fine, and are kept for longer
+    step = 2.0 ** np.round(np.log2(max(abs(camera[1]), _LOWEST_M))) * _CAMERA_STEP
+    camera = np.asarray(np.round(camera / step) * step + 0.0)
     for solved, share in _samples(light, receiver.plane_y):
         below = solved.layout.below(receiver.plane_y)
         occluders = solved.layout.occluders_from(below)

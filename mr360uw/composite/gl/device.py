@@ -73,7 +73,7 @@ def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
     # Define every kind of map that some material has, further texture coordinates, and materials smoother than diffuse
     defines = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
     defines |= ({"MORE_UV": 1} if mesh.more_uv.shape[2] else {}) | ({"SMOOTH": 1} if mesh.glossy else {})
-    return _in_rows((texels, further), 4, Scratch()), ({"materials": list_texture(materials), "store": store}, defines)
+    return _in_rows((texels, further), 4), ({"materials": list_texture(materials), "store": store}, defines)
 
 
 def upload_mesh(mesh: Mesh, places: Places | None = None, still: StillBuffers | None = None) -> MeshBuffers:
@@ -90,14 +90,14 @@ def list_texture(*parts: NDArray[Any], channels: int = 4, scratch: Scratch | Non
 
     scratch: for a copy of them; None takes new memory.
     """
-    return texture_from_array(_in_rows(parts, channels, Scratch() if scratch is None else scratch))
+    return texture_from_array(_in_rows(parts, channels, scratch))
 
 
-def _in_rows(parts: Sequence[NDArray[Any]], channels: int, scratch: Scratch) -> NDArray[np.float32]:
+def _in_rows(parts: Sequence[NDArray[Any]], channels: int, scratch: Scratch | None = None) -> NDArray[np.float32]:
     """Return the texels of `list_texture` (rows, 2048, channels), the last row filled up with zeros."""
     count = sum(map(np.size, parts))
-    rows = max(-(-count // (_LIST_COLUMNS * channels)), 1)
-    texels = scratch.floats("texels", rows, _LIST_COLUMNS, channels)
+    shape = max(-(-count // (_LIST_COLUMNS * channels)), 1), _LIST_COLUMNS, channels
+    texels = np.empty(shape, np.float32) if scratch is None else scratch.floats("texels", *shape)
     flat, start = texels.reshape(-1), 0
     for part in parts:
         flat[start : start + part.size] = part.reshape(-1)

@@ -75,33 +75,31 @@ class LayerRenderer:
         self, shot: Shot, prepared: Prepared | None = None, *, variables: bool = False
     ) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for. prepared: what was found before of it."""
-        frame = AovFrame(shot) if variables else None
+        view, frame = shot.view, AovFrame(shot) if variables else None
         with one_blas_thread():
-            layer = self._layer(shot, prepare(shot, self._cache) if prepared is None else prepared, frame)
+            prepared = prepare(shot, self._cache) if prepared is None else prepared
+            object_parts = self._cache.of(object_rectangles, view, shot.objects)
+            drawn, ground = [], None
+            if object_parts or prepared.reach is not None:
+                gl_context().gc()  # releases what nothing refers to any more
+                # Find what of the bodies is seen, then the light on the ground around them
+                light = self._light.of(shot)
+                surfaces = self._objects.find(shot) if object_parts else None
+                gaps = surfaces.layers[-1].gaps if surfaces is not None and surfaces.layers else NO_GAPS
+                blocks, ground = self._receiver.light(shot, light, prepared.reach, gaps)
+                # Lay both into as few tiles as hold them
+                parts = object_parts + ([] if blocks is None else rectangles_of_blocks(blocks, view))
+                tiles = even_tiles(parts, view.width, view.height)
+                drawn = [empty_tile(part, bare=ground is not None) for part in tiles]
+                if surfaces is not None:
+                    self._objects.draw((shot, light, surfaces), drawn, frame, prepared.ambient)
+            layer = Layer(view.height, view.width, tuple(drawn), ground)
+            if drawn and shot.has_mattes:
+                layer = Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in layer.laid().tiles))
         if frame is None:
             return layer, None
         layer = layer.laid()  # once for all that reads the variables
         return layer, frame.finish(shot, layer)
-
-    def _layer(self, shot: Shot, prepared: Prepared, frame: AovFrame | None) -> Layer:
-        view, ambient = shot.view, prepared.ambient
-        object_parts = self._cache.of(object_rectangles, view, shot.objects)
-        if not object_parts and prepared.reach is None:
-            return Layer(view.height, view.width, ())
-        gl_context().gc()  # releases what nothing refers to any more
-        light = self._light.of(shot)
-        surfaces = self._objects.find(shot) if object_parts else None
-        gaps = surfaces.layers[-1].gaps if surfaces is not None and surfaces.layers else NO_GAPS
-        blocks, ground = self._receiver.light(shot, light, prepared.reach, gaps)
-        parts = object_parts + ([] if blocks is None else rectangles_of_blocks(blocks, view))
-        tiles = even_tiles(parts, view.width, view.height)
-        drawn = [empty_tile(part, bare=ground is not None) for part in tiles]
-        if surfaces is not None:
-            self._objects.draw((shot, light, surfaces), drawn, frame, ambient)
-        layer = Layer(view.height, view.width, tuple(drawn), ground)
-        if not shot.has_mattes:
-            return layer
-        return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in layer.laid().tiles))
 
 
 # --- The pass over the ground ---------------------------------------------------------------------------------------
@@ -318,7 +316,10 @@ class ReceiverPass:
             footprints = footprints_of(shot.view, origin, of_frame, grid, _plane_m(shot) if shape is None else shape)
         if "SHADOW" in wanted:
             known = np.full((len(footprints), 2), -1.0)
-            known[:, 1] = _within(halo, side).ravel()
+            # Of the halo, straight lines between its corners; what is negative at these stays negative
+            place, (top, below) = (np.arange(side) + 0.5) / side, np.moveaxis(halo.reshape(-1, 2, 1, 2), 1, 0)
+            sides = top + place[:, None] * (below - top)
+            known[:, 1] = (sides[..., :1] + place * (sides[..., 1:] - sides[..., :1])).ravel()
             slopes = ground_slopes(shot, footprints[:, :3], footprints[:, 3:9].reshape(-1, 2, 3))
             seen = light.visibility.seen(footprints, (DISC, HALO), known=known, slopes=slopes)
             of_beam = _of_beam(seen, scattered_share(shot, footprints[: 1 if shape is None else None, :3]))
@@ -363,11 +364,3 @@ def _plane_m(shot: Shot) -> float:
 def _of_beam(seen: Floats, scattered: Floats) -> Floats:
     """Return the visible fraction (n,) of the beam: of disc and halo, the first of `seen`, by their fractions of it."""
     return seen[:, 0] + scattered * (seen[:, 1] - seen[:, 0])
-
-
-def _within(corners: Floats, side: int) -> Floats:
-    """Return values (n, side, side) of samples of blocks between those at their corners (n, 4); negative ones are
-    kept."""
-    place = (np.arange(side) + 0.5) / side
-    sides = corners[:, None, :2] + place[:, None] * (corners[:, None, 2:] - corners[:, None, :2])
-    return sides[..., :1] + place * (sides[..., 1:] - sides[..., :1])

@@ -26,7 +26,6 @@ from mr360uw.composite.gl.shadow_columns import (
     axes_and_slope,
     columns_of,
     lamp_frames,
-    slot_size,
     sun_frames,
 )
 from mr360uw.composite.light_sources import lamps_of, sun_of, wide_pixel_offsets, widest_half_angle
@@ -157,8 +156,8 @@ def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
         radius = placed.mesh.radius_m * placed.scale
         distance = float(np.linalg.norm(placed.to_world(placed.mesh.center_m) - view.position))
         widest_rad = max(widest_rad, 2.0 * radius / max(distance - radius, 1e-3))
-    size = slot_size(len(frames), widest_rad * view.height / np.pi, narrowest)
-    values, extents, clear = columns_of(frames, size, cache, scratch)
+    across = widest_rad * view.height / np.pi
+    values, extents, size, clear = columns_of(frames, across, narrowest, cache, scratch)
     # Describe their slots and the lights
     slots, lights = np.zeros((len(frames), 19)), np.zeros((HALO + 1 + len(lamps), 14))
     slots[:, :6] = extents

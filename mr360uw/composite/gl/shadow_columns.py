@@ -194,29 +194,28 @@ def _in_cone(lamp: Lamp, direction: Floats, radius_rad: float) -> bool:
 # --- drawing ----------------------------------------------------------------------------------------------------------
 
 
-def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
-    """Return the columns across a slot for a light of this radius and bodies at most `pixels_across` pixels wide."""
-    wanted = max(_COLUMNS_A_PIXEL * pixels_across, _COLUMNS_A_DISC / max(float(np.tan(half_angle_rad)), 1e-6))
-    wanted = min(
-        wanted, _MOST_COLUMNS_A_PIXEL * pixels_across, SLOTS[-1] if half_angle_rad < _NARROW_RAD else SLOTS[-2]
-    )
-    most = np.sqrt(_MOST_COLUMNS / max(slots, 1))
-    return next(size for size in SLOTS if size >= wanted or 2 * size > most)
-
-
 def columns_of(
-    frames: Sequence[ShadowFrame], size: int, cache: Cache, scratch: Scratch
-) -> tuple[NDArray[np.float32], Floats, bool]:
-    """Return the columns of bodies in slots of `size` x `size`, (slots, 4 n), row by row, then their levels.
+    frames: Sequence[ShadowFrame], pixels_across: float, half_angle_rad: float, cache: Cache, scratch: Scratch
+) -> tuple[NDArray[np.float32], Floats, int, bool]:
+    """Return the columns of bodies in slots, (slots, 4 n), row by row, then their levels, fine enough for lights of a
+    radius and bodies at most `pixels_across` pixels wide.
 
-    And the extents (slots, 6) as rays are traced, for the sun about the world's origin, and whether bodies let light
-    through by their alpha. cache: keeps the last ones, and what is the same in all poses of meshes.
+    And the extents (slots, 6) as rays are traced, for the sun about the world's origin, the columns across a slot, and
+    whether bodies let light through by their alpha. cache: keeps the last ones, and what is the same in all poses of
+    meshes.
     """
+    # As many columns as pixels and the light's disc ask for, and there is room for
+    wanted = max(_COLUMNS_A_PIXEL * pixels_across, _COLUMNS_A_DISC / max(float(np.tan(half_angle_rad)), 1e-6))
+    finest = SLOTS[-1] if half_angle_rad < _NARROW_RAD else SLOTS[-2]
+    wanted = min(wanted, _MOST_COLUMNS_A_PIXEL * pixels_across, finest)
+    most = np.sqrt(_MOST_COLUMNS / max(len(frames), 1))
+    size = next(size for size in SLOTS if size >= wanted or 2 * size > most)
+    # Draw them, and take their extents to where rays are traced
     clear = any(m.alpha_mode == "BLEND" for frame in frames for body in frame.bodies for m in body.mesh.materials)
     drawn_of = PartOf((frames, cache, scratch), *(frame.drawn for frame in frames))
     values, extents = cache.of(_draw_slots, drawn_of, size, clear)
     placed = np.array([frame.placed(of_frame) for frame, of_frame in zip(frames, extents, strict=True)])
-    return values, placed.reshape(-1, 6), clear
+    return values, placed.reshape(-1, 6), size, clear
 
 
 def _draw_slots(
