@@ -49,8 +49,9 @@ _RAY_WIDTH = 1.2
 """Width of a ray over that of the part of footprint and disc that it represents."""
 _SHARPEST = 0.2
 """Least width of a sharpened edge, as a fraction of `_RAMP`."""
-_MOST_STEPS = 16
-"""Most columns along a ray; the last step is as long as it takes."""
+_STRIDE, _MOST_STEPS = np.float32(2.0), 16
+"""Step along a ray, in its widths: half as long takes a fifth longer, and changes .05 % of touched values by more than
+a code. And most steps; the last is as long as it takes."""
 DISC, HALO = 0, 1
 """Numbers of the sun's disc and halo among the lights of `Visibility`; lamps follow."""
 _TOGETHER = 16
@@ -664,5 +665,5 @@ def _walk(columns: Any, slot: Any, size: Any, clear: Any, rays: Any, of_rays: An
         step += 1
         for k in range(rays):
             h_a[k], filled_a[k], top_a[k], bottom_a[k] = h[k], filled[k], top[k], bottom[k]
-            farther = h[k] + max(widths[k] + widening[k] * h[k], _HALF * texel) * across[k]
+            farther = h[k] + _STRIDE * max(widths[k] + widening[k] * h[k], _HALF * texel) * across[k]
             h[k] = min(farther, until[k]) if step < _MOST_STEPS else until[k]
