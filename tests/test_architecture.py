@@ -47,7 +47,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "depth": {"track", "video", "composite", "medium"},
     "track": {"video", "ibl", "medium", "composite"},
-    "first_look": {"depth", "match", "preview", "render", "scene", "composite", "video", *PHYSICS},
+    "first_look": {"depth", "track", "match", "preview", "render", "scene", "composite", "video", *PHYSICS},
     "tune": {
         "match",
         "preview",

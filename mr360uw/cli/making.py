@@ -37,7 +37,7 @@ def new(
     air: Annotated[bool, typer.Option("--air", help="VIDEO is in air, whatever it looks like")] = False,
     up: Annotated[str, typer.Option(help="axis of MESH that is up: auto, y, z, x, -y, -z or -x")] = "auto",
     track: Annotated[
-        Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it"), Role.READ
+        Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it; auto: solve it"), Role.READ
     ] = None,
     depth: Annotated[
         Path | None, typer.Option(help="folder of the plate's distances, as `mr360uw depth` writes them"), Role.READ

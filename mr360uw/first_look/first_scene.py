@@ -24,7 +24,7 @@ from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.first_look.observations import MeshLook, PlateLook, look_at_mesh, look_at_plate
-from mr360uw.first_look.place_in_plate import ShownDistance, Wish, nearer, nearest_m
+from mr360uw.first_look.place_in_plate import AUTO_TRACK, ShownDistance, Wish, nearer, nearest_m
 from mr360uw.first_look.proposal import (
     Proposal,
     brightness_lines,
@@ -175,14 +175,17 @@ def make_first_scene(
     Returns the scene, lines on what was found and guessed, and commands that go on from there.
 
     wish: for its place and size, with what is known of the files. outside_files: the mesh may name files outside of its
-    folder. The distances of a stereo still are found by its two eyes, and kept beside the scene in PLATE.depth;
-    progress: of that. Raises the files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; no scene is
-    written then.
+    folder. The distances of a stereo still are found by its two eyes, and kept beside the scene in PLATE.depth, as a
+    path that is asked for is in PLATE.track.csv; progress: of these. Raises the files' errors, `OutputExistsError`,
+    `ParameterError` or `SceneError`; no scene is written then.
     """
     wish = wish or Wish()
     path, preview = _targets(video, mesh, wish.track, out, overwrite=overwrite)
     plate = look_at_plate(video, wish.eye, underwater=wish.underwater)
     seen = look_at_mesh(mesh, up=wish.up, outside_files=outside_files)
+    # Take the camera's path, and the floor that it tells
+    if wish.track == AUTO_TRACK:
+        wish = replace(wish, track=_path_of_camera(video, path.with_name(f"{video.stem}.track.csv"), plate, progress))
     floor = None if wish.track is None else _floor_of(wish.track)
     # Take both eyes where they agree, and the distances that those of a still tell
     if not plate.eyes_agree:
@@ -257,11 +260,21 @@ def _targets(video: Path, mesh: Path, track: Path | None, out: Path | None, *, o
     if path.suffix.lower() != ".toml":
         raise SceneError(str(path), [f"is no name of a scene file (got {path.suffix!r}) - end it in .toml"])
     preview = path.with_suffix(".preview.png")
-    check_outputs([path, preview], inputs=[video, mesh, *filter(None, [track])], overwrite=overwrite)
+    given = [] if track in (None, AUTO_TRACK) else [track]
+    check_outputs([path, preview], inputs=[video, mesh, *given], overwrite=overwrite)
     for name in (str(video), str(mesh)):
         if any("\ud800" <= c <= "\udfff" for c in name):
             raise SceneError(str(path), [f"cannot name a file whose name is no UTF-8 (got {name!r}) - rename the file"])
     return path, preview
+
+
+def _path_of_camera(video: Path, out: Path, plate: PlateLook, progress: Progress | None) -> Path:
+    """Write the path of a clip's camera, unless it is there; return its file."""
+    from mr360uw.track.tracking import track_camera  # which few plates have a use for
+
+    if not out.is_file():
+        track_camera(video, eye=plate.eye, progress=progress).save(out)
+    return out
 
 
 def _distances_of_eyes(video: Path, folder: Path, columns: int, progress: Progress | None) -> Path | None:

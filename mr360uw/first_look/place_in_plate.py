@@ -51,14 +51,18 @@ _LOWEST_DEG = 2.0
 """Angle below the horizon from which a direction meets the ground within reach."""
 
 
+AUTO_TRACK = Path("auto")
+"""A camera's path that is to be solved from the clip."""
+
+
 @dataclass(frozen=True, slots=True)
 class Wish:
     """Wishes for a thing's place. at_deg: azimuth and elevation, of its foot if it stands, else of its middle.
 
     habit: whether it stands or swims, whatever its name says. size_m: its longest side. Besides, what is known of the
     files: up, the mesh's axis that is up; eye, of a stereo plate, by default both; underwater, whether the
-    plate is, None to tell it by the picture; track, the camera's path, whose floor is taken from the .json beside it;
-    depth, folder of the plate's distances, which tell the floor and what things stand on.
+    plate is, None to tell it by the picture; track, the camera's path, whose floor is taken from the .json beside it,
+    or `AUTO_TRACK`, to solve it; depth, folder of the plate's distances, which tell the floor and what things stand on.
     """
 
     at_deg: tuple[float, float] | None = None

@@ -63,6 +63,7 @@ def test_a_dive_and_a_fish_in_centimetres(dive: SampleDive, tmp_path: Path, run:
     code, said, err = run("new", dive.plate, mesh(tmp_path / "fish.ply", 40.0), "-o", out, "--backend", "reference")
     assert (code, err) == (0, "")
     assert "under water" in said
+    assert "camera    taken as at rest" in said
     assert "centimetres: 0.4 m" in said
     assert "guessed" in said
     assert len(out.read_text().splitlines()) <= LONGEST
@@ -158,6 +159,22 @@ def test_the_floor_is_that_of_a_camera_track(tmp_path: Path, run: Run) -> None:
     code, _, err = run(*given, "--overwrite")
     assert code == 2
     assert "is no camera track" in err
+
+
+def test_a_path_is_solved_where_that_is_asked_for(tmp_path: Path, run: Run) -> None:
+    """One that is there is kept; a still has none; without any a clip's camera is said to be at rest."""
+    plate = picture(tmp_path / "still.png", water((0.02, 0.15, 0.3)))
+    out, body = tmp_path / "scene.toml", mesh(tmp_path / "anchor.ply", 2.0)
+    assert "camera    taken as at rest" not in run("new", plate, body, "-o", tmp_path / "other.toml")[1]
+    code, _, err = run("new", plate, body, "-o", out, "--track", "auto")
+    assert code == 2
+    assert "auto" not in err
+    assert not out.exists()
+    (tmp_path / "still.track.csv").write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n")
+    code, text, _ = run("new", plate, body, "-o", out, "--track", "auto")
+    assert code == 0
+    assert "camera    moves as" in text
+    assert load_scene(out).camera.track == tmp_path / "still.track.csv"
 
 
 def test_stereo_plates_are_taken_by_both_eyes_and_others_refused(tmp_path: Path, run: Run) -> None:
