@@ -343,8 +343,9 @@ _BARE = 0.018
 _EDGES, _UNLIKE, _SHADE, _PLAIN, _CROSSED = 2.0, 0.15, 0.5, 0.2, 1.0
 """Costs of edges under the foot, of each spread of difference, of a factor of e of darkness, of a factor of e of
 missing structure, and of the strongest edge across the way."""
-_HIDES, _ASIDE, _ODD = 0.2, 0.0012, 0.15
-"""Costs of edges behind the body over the plate's mean, of a degree from the middle, of a factor of e of distance."""
+_HIDES, _ASIDE, _ODD = 0.2, 0.003, 0.6
+"""Costs of edges behind the body over the plate's mean, of a degree from the middle, of a factor of e of distance. With
+less for the last two, large things go behind the crest of a slope, where the plate shows a valley."""
 _NO_ROOM = 4.0
 """Cost of a place where all that is known of the plate's distances is in a body's way, or not below its foot."""
 _INTO, _OFF_GROUND = 0.9, 0.15
@@ -390,10 +391,11 @@ def ground_place(
     cost += _PLAIN * np.maximum(missing - _PLAIN_FROM, 0.0) + np.maximum(np.log(_BARE / np.maximum(fine, 1e-4)), 0.0)
     cost += _CROSSED * _crossed(layout, azimuth[:, 0], distance[0] + 0.5 * along, across)
     cost += _HIDES * _hidden(image, azimuth, distance * drop_m, body, drop_m)
-    cost += _ASIDE * np.abs(np.degrees(azimuth)) + _ODD * np.abs(np.log(distance * drop_m / usual_m))
     if shown_m is not None:
         cost += _NO_ROOM * _crowded(shown_m, azimuth, distance * drop_m, body, drop_m)
-    row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    # Of places that are alike, one in the middle and as far away as usual
+    unusual = _ASIDE * np.abs(np.degrees(azimuth)) + _ODD * np.abs(np.log(distance * drop_m / usual_m))
+    row, column = np.unravel_index(int(np.argmin(cost + unusual)), cost.shape)
     return float(azimuths_deg[row]), float(distances_m[column]), float(cost[row, column])
 
 
