@@ -109,8 +109,10 @@ def _rim(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray((outer > inner)[:, reach:-reach])
 
 
-_GHOST_CODES, _NEARER = 8.0, 0.7
-"""Difference [codes] from the plate below which a body is a ghost, and the fraction of its distance tried next."""
+_GHOST_CODES: dict[bool, float] = {True: 24.0, False: 8.0}
+"""Difference [codes] from the plate below which a body is a ghost: of large kinds, which should look it, and others."""
+_NEARER = 0.7
+"""Fraction of its distance that is tried next."""
 
 
 def _contrast_codes(live: LivePreview, draft: Scene) -> float:
@@ -245,8 +247,8 @@ def _tried_out(
     place = chosen.place
     if chosen.water is None or place.stands or place.on_shown:
         return chosen
-    nearest = nearest_m(mesh, place.size_m)
-    while place.distance_m > 1.01 * nearest and _contrast_codes(live, coarse(scene_of(chosen))) < _GHOST_CODES:
+    nearest, least = nearest_m(mesh, place.size_m), _GHOST_CODES[mesh.large]
+    while place.distance_m > 1.01 * nearest and _contrast_codes(live, coarse(scene_of(chosen))) < least:
         place = nearer(place, max(_NEARER * place.distance_m, nearest), mesh, wish)
         chosen = replace(chosen, place=place)
     return chosen

@@ -389,6 +389,8 @@ def _quantile(values: Floats, weight: Floats, there: NDArray[np.bool_], quantile
 _UNITS: dict[Unit, str] = {"m": "metres", "cm": "centimetres", "mm": "millimetres"}
 _LOW_M, _HIGH_M, _TYPICAL_M = 0.1, 20.0, 1.0
 """Sizes of things of an unknown kind."""
+_LARGE_M = 3.0
+"""Typical length from which a kind is large."""
 _CLEARLY = 0.6
 """Ratio of the asymmetries about two axes below which the lesser one is the left-right axis."""
 _LONG = 0.8
@@ -419,6 +421,11 @@ class MeshLook:
     up: Up = "auto"
     why_up: str = ""
     darkened_to: float = 1.0
+
+    @property
+    def large(self) -> bool:
+        """Whether its kind is large, as whales and wrecks are: they should look it."""
+        return self.kind is not None and self.kind.typical_m >= _LARGE_M
 
 
 def look_at_mesh(path: Path, *, up: Up = "auto", outside_files: bool = False) -> MeshLook:

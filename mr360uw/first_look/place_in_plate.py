@@ -30,8 +30,6 @@ _USUAL_DEG, _LARGE_DEG = 20.0, 32.0
 """Angle that a thing is seen under as a rule, and that of large kinds."""
 _WIDEST_DEG: dict[bool, float] = {True: 55.0, False: 40.0}
 """That angle at most where there is room behind: in water, which hides what is far away, and in air."""
-_LARGE_M = 3.0
-"""Typical length from which a kind is large, as whales and wrecks are: they should look it."""
 _FILLS_DEG: dict[bool, float] = {True: 45.0, False: 60.0}
 """That angle at most where water hides the distance: of long things, whose nearer end looks larger, and of others."""
 _NEAR = 1.0 / 3.0
@@ -240,8 +238,7 @@ def nearer(place: Place, distance_m: float, mesh: MeshLook, wish: Wish) -> Place
 
 def _usual_distance(mesh: MeshLook, size_m: float) -> float:
     """Return the distance [m] at which a mesh is seen under the angle that is usual for its kind."""
-    large = mesh.kind is not None and mesh.kind.typical_m >= _LARGE_M
-    return _sizes_away(_LARGE_DEG if large else _USUAL_DEG) * size_m
+    return _sizes_away(_LARGE_DEG if mesh.large else _USUAL_DEG) * size_m
 
 
 def _sizes_away(angle_deg: float) -> float:
