@@ -73,7 +73,7 @@ def periodic_trilinear(
         weight = np.maximum(1.0 - np.abs(level - k), 0.0)
         if np.any(weight > 0.0):
             _add_bilinear(image, plane.ravel(), u.ravel(), v.ravel(), weight.ravel(), result)
-    return result.reshape(*u.shape, -1)
+    return result.reshape(*u.shape, result.shape[1])
 
 
 def mip_level(footprint_m: ArrayLike, pixel_m: float, last: float) -> Floats:
