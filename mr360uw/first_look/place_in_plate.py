@@ -127,8 +127,9 @@ def place_of(
     """Return the place of a mesh in a plate.
 
     sight_m: the water's visibility, infinite in air. drop_m: height of the camera over the ground, None without one.
-    shown_m: tells distances; what stands is put on what the plate shows in the direction that is asked for. Raises
-    `ParameterError` where nothing can stand in the direction that is asked for.
+    shown_m: tells distances; what stands is put on what the plate shows in the direction that is asked for, and where
+    they leave no room for it, in open water. Raises `ParameterError` where nothing can stand in the direction that is
+    asked for, or anywhere in air.
     """
     habit = wish.habit or (mesh.habit if plate.medium.underwater or mesh.habit == "flies" else "stands")
     whole = wish.size_m or mesh.size_m
@@ -140,6 +141,13 @@ def place_of(
         found = _on_shown(mesh, wish.at_deg, start, shown)
     elif habit == "stands" and drop_m is not None:
         found = _standing(plate, mesh, wish, start, reach, drop_m, shown_m)
+        if found.uneven >= _NO_PLACE and shown_m is not None and wish.at_deg is None and wish.habit is None:
+            if not plate.medium.underwater:
+                raise ParameterError(
+                    f"{mesh.path} - finds no room on the ground that the plate shows (got {size:.3g} m) - give --size, "
+                    "or the direction of its foot: --at AZIMUTH,ELEVATION"
+                )
+            found = _off_the_ground(plate, mesh, wish, replace(start, hangs=True), reach)
     else:
         found = _off_the_ground(plate, mesh, wish, replace(start, hangs=habit == "stands"), reach)
     across = round((found.azimuth_deg + 90.0 + _TURN_DEG + 180.0) % 360.0 - 180.0, 1) + 0.0
@@ -354,8 +362,8 @@ _WAY_FROM, _LANE = 0.8, 0.6
 """Beginning of the path to a foot, and width of its lane, in camera heights."""
 _ACROSS = 9
 """Points along a side of a foot, and of what a body hides."""
-UNEVEN = 0.9
-"""Cost above which a place is doubtful."""
+UNEVEN, _NO_PLACE = 0.9, 3.5
+"""Costs above which a place is doubtful, and none where distances are known: rubble has 2.2 at most without these."""
 
 
 Sides = tuple[float, float, float]

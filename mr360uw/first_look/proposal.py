@@ -406,7 +406,7 @@ def _place_lines(place: Place) -> list[str]:
     # Say what is doubtful about the ground
     if place.hangs:
         lines.append(
-            "ground    none is seen that it could stand on, so it hangs in the water; --stand puts it on a floor"
+            "ground    none is seen with room to stand on, so it hangs in the water; --stand puts it on a floor"
         )
     elif place.uneven > UNEVEN:
         lines.append("ground    nowhere even: look at its foot; --at AZIMUTH,ELEVATION puts that elsewhere")

@@ -297,6 +297,26 @@ def test_a_still_straight_from_the_camera_is_refused_with_the_command_that_turns
     assert not (tmp_path / "raw.toml").exists()
 
 
+def test_what_has_no_room_is_put_in_open_water_or_refused(tmp_path: Path, run: Run) -> None:
+    """Rock 1 m away on all sides of a floor: no anchor of 1 m stands there, under water or in air."""
+    d = directions(256, 128)
+    with np.errstate(divide="ignore"):
+        shown = np.minimum(np.where(d[..., 1] < 0.0, -2.0 / d[..., 1], np.inf), 1.0 / np.hypot(d[..., 0], d[..., 2]))
+    known = np.isfinite(shown) & (d[..., 1] < 0.3)
+    depth = tmp_path / "depth"
+    write_own_maps(depth, {0: (DepthMap(shown.astype(np.float32), known.astype(np.float32)),)})
+    plate, out = picture(tmp_path / "reef.png", water((0.02, 0.15, 0.3))), tmp_path / "my.toml"
+    given = ("new", plate, mesh(tmp_path / "anchor.ply", 1.0), "-o", out, "--backend", "reference", "--depth", depth)
+    code, _, err = run(*given, "--air")
+    assert code == 2
+    assert "finds no room" in err
+    assert not out.exists()
+    code, said, err = run(*given, "--water")
+    assert (code, err) == (0, "")
+    assert "so it hangs in the water" in said
+    assert not load_scene(out).objects[0].stand_on
+
+
 def test_distances_tell_the_floor_and_what_a_foot_stands_on(tmp_path: Path, run: Run) -> None:
     """A wall 3 m ahead over a floor 2 m below: a foot on the wall, 5 degrees over the horizon, which has no ground."""
     d = directions(256, 128)
