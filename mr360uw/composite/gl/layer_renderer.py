@@ -240,7 +240,8 @@ class ReceiverPass:
         if shot.caustics is not None and len(slopes):
             # Waves widen them, and bend them from one pixel of their map to the next but one
             of_disc = np.hypot(of_disc, 2.0 * slopes[len(cj) :, 2] * gap)
-            bent = reach > 2.0 * shot.caustics.tile_m / shot.caustics.slopes[0].shape[1]
+            bent = kept == _PART_OF_DISC
+            bent &= reach > 2.0 * shot.caustics.tile_m / shot.caustics.slopes[0].shape[1]
         sun_four, halo_four = four_corners(at_corners[0], mj, mi), four_corners(at_corners[1], mj, mi)
         missed = np.abs(seen - sun_four.mean(axis=1))
         narrow = np.where(kept == _PART_OF_DISC, of_disc, of_halo) < _WIDE * reach
