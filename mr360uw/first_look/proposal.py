@@ -337,7 +337,7 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
             f"level     tilted, by {plate.tilt_by}: roll {plate.roll_deg:.0f}, pitch {plate.pitch_deg:.0f} degrees"
         )
     if chosen.track is not None:
-        lines.append(f"camera    moves as {chosen.track} says")
+        lines.append(f"camera    stands or moves as {chosen.track} says")
     elif not plate.still:
         lines.append("camera    taken as at rest: one look does not tell; if it swims, --track auto solves its path")
     if chosen.water is not None:

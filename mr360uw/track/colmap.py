@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.progress import Steps
-from mr360uw.base.sphere import direction_from_frame
+from mr360uw.base.sphere import direction_from_frame, frame_from_direction
 from mr360uw.errors import Mr360uwError, install_command
 from mr360uw.track.camera_track import Kind
 from mr360uw.types import Floats
@@ -115,6 +115,47 @@ def pairs_to_match(count: int) -> list[tuple[int, int]]:
     pairs = {(i, i + gap) for gap in gaps for i in range(count - gap)}
     spread = np.unique(np.linspace(0, count - 1, min(count, _LOOP_FRAMES)).astype(int)).tolist()
     return sorted(pairs | {(i, j) for i in spread for j in spread if i < j})
+
+
+_CALM_S = 0.5
+"""Least time between key frames over which light that drifts has moved on: caustics change within a third of that."""
+_RESTING, _RESTING_CELLS, _RESTING_OVER = 0.05, 12, 1.0 / 3.0
+"""Least share of such matches that stand still; least number of cells of the sphere that hold both what stands still
+and what does not, and least share of the cells with any match: a rig hides what is behind it. Over boulders, under
+strong caustics, a fifth stands still where the camera does, and 1 in 160 where it swims at 0.3 m/s."""
+_CELLS = (12, 6)
+"""Cells around the sphere, and from pole to pole."""
+
+
+def at_rest(
+    paths: tuple[Path, ...], time_s: Floats, folder: Path, width: int, height: int
+) -> tuple[tuple[Floats, ...], Matches] | None:
+    """Return the pixels (n, 2) of each key frame's features and the matches of those that stand still, of a camera at
+    rest over which light drifts; None where too little stands still for that.
+
+    time_s: (k,) of the key frames. folder: in which `match_features` has left its databases.
+    """
+    found = folder / "features.db"
+    if not found.is_file():  # a run that was stopped late goes on without it
+        return None
+    with load_colmap().Database.open(found) as stored:
+        pixel, matched = _read_matches(stored, paths, pairs_to_match(len(paths)))
+    directions = tuple(direction_from_frame(p[:, 0], p[:, 1], width, height) for p in pixel)
+    # Part the matches by whether they stand still, and count those of frames that are some time apart, cell by cell
+    still, count = {}, np.zeros((2, _CELLS[0] * _CELLS[1]), np.int64)
+    for (i, j), pair in matched.items():
+        a, b = directions[i][pair[:, 0]], directions[j][pair[:, 1]]
+        stays = np.linalg.norm(a - b, axis=1) < _STATIC_PX * 2.0 * np.pi / width
+        if np.count_nonzero(stays) >= _MINIMUM_MATCHES:
+            still[i, j] = a[stays], b[stays]
+        if time_s[j] - time_s[i] >= _CALM_S:
+            x, y = frame_from_direction(a, *_CELLS)
+            cell = np.minimum(y.astype(np.int64), _CELLS[1] - 1) * _CELLS[0] + x.astype(np.int64) % _CELLS[0]
+            np.add.at(count, (stays.astype(np.int64), cell), 1)
+    moved, stayed = count
+    both, any_ = np.count_nonzero((moved > 0) & (stayed > 0)), np.count_nonzero(moved + stayed)
+    enough = both >= max(_RESTING_CELLS, _RESTING_OVER * any_)
+    return (pixel, still) if still and enough and stayed.sum() >= _RESTING * count.sum() else None
 
 
 def match_features(

@@ -21,7 +21,16 @@ from mr360uw.base.progress import Steps
 from mr360uw.base.sphere import direction_from_frame, frame_from_direction
 from mr360uw.errors import ParameterError
 from mr360uw.track.camera_track import Kind
-from mr360uw.track.colmap import DATABASE, SEED, Matches, average_rotations, classify, match_features, quiet_colmap
+from mr360uw.track.colmap import (
+    DATABASE,
+    SEED,
+    Matches,
+    at_rest,
+    average_rotations,
+    classify,
+    match_features,
+    quiet_colmap,
+)
 from mr360uw.track.key_frames import KeyFrames, grey_picture
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader
@@ -217,15 +226,26 @@ def solve_key_frames(
     the camera. folder: for files, some of which a run before may have left there. Raises `ParameterError` where the
     pictures do not tell a path.
     """
-    pixels, matches = _matched(where, keys, left_out, folder, steps, mask_only=mask_only)
+    pixels, matches = match_features(
+        keys.paths, _mask(keys, left_out, folder, mask_only=mask_only), keys.width, keys.height, folder, steps,
+        riding=mask_only,
+    )  # fmt: skip
+    # Light that drifts over a camera at rest looks like a floor that passes by, but for what stands still among it
+    resting = at_rest(keys.paths, keys.time_s[keys.index], folder, keys.width, keys.height)
+    if resting is not None:
+        return _resting("still", keys, *resting)
+    matched = {i for pair in matches for i in pair}
+    if len(matched) < max(2, _LEAST_MATCHED * len(keys.index)):
+        raise ParameterError(
+            f"{where} - too few features are seen again (got {len(matched)} of {len(keys.index)} key frames) - give a "
+            "clip that shows more of the floor or a reef, or a smaller mask"
+        )
     kind = classify(matches, 2.0 * np.pi / keys.width)
     return _moving(where, keys, folder, steps) if kind == "moving" else _resting(kind, keys, pixels, matches)
 
 
-def _matched(
-    where: str, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps, *, mask_only: bool
-) -> tuple[tuple[Floats, ...], Matches]:
-    """Return what `match_features` does; raise `ParameterError` where too few key frames match another."""
+def _mask(keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, *, mask_only: bool) -> Path:
+    """Write a picture that is black where nothing is tracked into a folder; return its file."""
     import cv2
 
     mask = keys.fixed.copy() if keys.fixed.size and not mask_only else np.zeros((keys.height, keys.width), bool)
@@ -234,14 +254,7 @@ def _matched(
         mask |= cv2.resize(left_out.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
     path = folder / "mask.png"
     cv2.imwrite(str(path), np.where(mask, 0, 255).astype(np.uint8))
-    pixels, matches = match_features(keys.paths, path, keys.width, keys.height, folder, steps, riding=mask_only)
-    matched = {i for pair in matches for i in pair}
-    if len(matched) < max(2, _LEAST_MATCHED * len(keys.index)):
-        raise ParameterError(
-            f"{where} - too few features are seen again (got {len(matched)} of {len(keys.index)} key frames) - give a "
-            "clip that shows more of the floor or a reef, or a smaller mask"
-        )
-    return pixels, matches
+    return path
 
 
 def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses:

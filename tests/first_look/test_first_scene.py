@@ -173,7 +173,7 @@ def test_a_path_is_solved_where_that_is_asked_for(tmp_path: Path, run: Run) -> N
     (tmp_path / "still.track.csv").write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n")
     code, text, _ = run("new", plate, body, "-o", out, "--track", "auto")
     assert code == 0
-    assert "camera    moves as" in text
+    assert "camera    stands or moves as" in text
     assert load_scene(out).camera.track == tmp_path / "still.track.csv"
 
 

@@ -83,6 +83,14 @@ def test_shots_are_solved_and_go_on_where_they_stopped(tmp_path: Path, rng: np.r
         uw.track_camera(tmp_path / "clip.mp4", measure=measure, keep=keep)
 
 
+def test_light_that_drifts_over_a_camera_at_rest_is_no_path(tmp_path: Path) -> None:
+    """Caustics move over the floor of a dive, and boulders do not: taken for a floor that passes by, it swims 1 m."""
+    pytest.importorskip("pycolmap")
+    track = uw.track_camera(uw.sample_dive(tmp_path, width=768, frames=30).plate)
+    assert track.kind == "still"
+    np.testing.assert_array_equal(track.position, 0.0)
+
+
 def test_a_folder_of_other_files_is_left_alone(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     (tmp_path / "work").mkdir()
