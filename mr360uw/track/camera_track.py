@@ -51,6 +51,7 @@ class CameraTrack:
     the sphere of directions with features, 0 to 1. up, scale: sentences that say where they are from. slip_px,
     worst_slip_px: median and largest slip of the ground over key frames, held_out_px: median error of single features,
     as `structure` defines them, in pixels of a panorama 2048 wide. depth_m: of the first camera, of a depth log.
+    agreed: share of what is seen again after half a second and more that fits the path.
     """
 
     kind: Kind
@@ -71,6 +72,7 @@ class CameraTrack:
     worst_slip_px: float | None = None
     held_out_px: float | None = None
     depth_m: float | None = None
+    agreed: float | None = None
 
     @property
     def quaternion(self) -> Floats:
@@ -89,6 +91,7 @@ class CameraTrack:
             "format": "mr360uw camera track 1", "kind": self.kind, "up": self.up, "scale": self.scale,
             "coverage": round(self.coverage, 4), "width": self.width, "slip_px": self.slip_px,
             "worst_slip_px": self.worst_slip_px, "held_out_px": self.held_out_px, "depth_m": self.depth_m,
+            "agreed": self.agreed,
             "key_frames": self.key_frames.tolist(),
             "floor": None if self.floor is None else asdict(self.floor),
             "time_s": self.time_s.tolist(), "position_m": self.position.tolist(),

@@ -117,8 +117,11 @@ def pairs_to_match(count: int) -> list[tuple[int, int]]:
     return sorted(pairs | {(i, j) for i in spread for j in spread if i < j})
 
 
-_CALM_S = 0.5
-"""Least time between key frames over which light that drifts has moved on: caustics change within a third of that."""
+_CALM_S, _LONG_S = 0.5, 2.0
+"""Times between key frames over which light that drifts has moved on, as caustics change within a third of the first,
+and things are still in sight."""
+_FITS_PX, _NEAR_RAD = 1.5, 0.35
+"""Distance from the plane of its rays up to which a match fits a path, and greatest motion of a match in that time."""
 _RESTING, _RESTING_CELLS, _RESTING_OVER = 0.05, 12, 1.0 / 3.0
 """Least share of such matches that stand still; least number of cells of the sphere that hold both what stands still
 and what does not, and least share of the cells with any match: a rig hides what is behind it. Over boulders, under
@@ -135,16 +138,10 @@ def at_rest(
 
     time_s: (k,) of the key frames. folder: in which `match_features` has left its databases.
     """
-    found = folder / "features.db"
-    if not found.is_file():  # a run that was stopped late goes on without it
-        return None
-    with load_colmap().Database.open(found) as stored:
-        pixel, matched = _read_matches(stored, paths, pairs_to_match(len(paths)))
-    directions = tuple(direction_from_frame(p[:, 0], p[:, 1], width, height) for p in pixel)
+    pixel, matched = _all_matches(paths, folder, width, height)
     # Part the matches by whether they stand still, and count those of frames that are some time apart, cell by cell
     still, count = {}, np.zeros((2, _CELLS[0] * _CELLS[1]), np.int64)
-    for (i, j), pair in matched.items():
-        a, b = directions[i][pair[:, 0]], directions[j][pair[:, 1]]
+    for (i, j), (a, b) in matched.items():
         stays = np.linalg.norm(a - b, axis=1) < _STATIC_PX * 2.0 * np.pi / width
         if np.count_nonzero(stays) >= _MINIMUM_MATCHES:
             still[i, j] = a[stays], b[stays]
@@ -156,6 +153,44 @@ def at_rest(
     both, any_ = np.count_nonzero((moved > 0) & (stayed > 0)), np.count_nonzero(moved + stayed)
     enough = both >= max(_RESTING_CELLS, _RESTING_OVER * any_)
     return (pixel, still) if still and enough and stayed.sum() >= _RESTING * count.sum() else None
+
+
+def agreement(
+    paths: tuple[Path, ...], time_s: Floats, folder: Path, width: int, height: int, position: Floats, rotation: Floats
+) -> float | None:
+    """Return the share of the matches between key frames some time apart that fit their solved poses; None of too few.
+
+    position (k, 3), rotation (k, 3, 3): of the key frames. The other arguments are those of `at_rest`. Light that
+    drifts over a floor fits a path from one frame to the next, but is not seen again: a third fits where it made the
+    path, and 19 of 20 where the floor did.
+    """
+    pixel_rad, fits, number = 2.0 * np.pi / width, 0, 0
+    for (i, j), (a, b) in _all_matches(paths, folder, width, height)[1].items():
+        moved, way = np.linalg.norm(a - b, axis=1), position[j] - position[i]
+        # What rides along with the camera tells nothing of its path
+        some = (moved >= _STATIC_PX * pixel_rad) & (moved <= _NEAR_RAD)
+        if not _CALM_S <= time_s[j] - time_s[i] <= _LONG_S or not np.any(way):
+            continue
+        # Rays to one point lie in a plane with the way between both cameras
+        across = np.cross(way, a[some] @ rotation[i].T)
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+        off = np.abs(np.sum(across * (b[some] @ rotation[j].T), axis=1))
+        fits, number = fits + int(np.count_nonzero(off <= _FITS_PX * pixel_rad)), number + len(off)
+    return fits / number if number >= _MINIMUM_MATCHES else None
+
+
+def _all_matches(paths: tuple[Path, ...], folder: Path, width: int, height: int) -> tuple[tuple[Floats, ...], Matches]:
+    """Return the pixels (n, 2) of each key frame's features and the directions of all matches, verified or not.
+
+    There are none where a run that was stopped late goes on without them.
+    """
+    found = folder / "features.db"
+    if not found.is_file():
+        return (), {}
+    with load_colmap().Database.open(found) as stored:
+        pixel, matched = _read_matches(stored, paths, pairs_to_match(len(paths)))
+    directions = tuple(direction_from_frame(p[:, 0], p[:, 1], width, height) for p in pixel)
+    return pixel, {(i, j): (directions[i][m[:, 0]], directions[j][m[:, 1]]) for (i, j), m in matched.items()}
 
 
 def match_features(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from mr360uw.track.colmap import (
     DATABASE,
     SEED,
     Matches,
+    agreement,
     at_rest,
     average_rotations,
     classify,
@@ -202,7 +203,8 @@ _LEAST_MATCHED = 0.5
 class KeyPoses:
     """Solved key frames: numbers (k,), positions (k, 3), rotations (k, 3, 3), residuals (k,) [px], landmarks of each.
 
-    points (m, 3), error_px (m,): of the scene. held_out: see `held_out_errors`; empty unless the camera moves.
+    points (m, 3), error_px (m,): of the scene. held_out: see `held_out_errors`; empty unless the camera moves. agreed:
+    of `colmap.agreement`, of a camera that moves.
     """
 
     kind: Kind
@@ -215,6 +217,7 @@ class KeyPoses:
     points: Floats
     error_px: Floats
     held_out: tuple[Floats, Floats]
+    agreed: float | None = None
 
 
 def solve_key_frames(
@@ -241,7 +244,11 @@ def solve_key_frames(
             "clip that shows more of the floor or a reef, or a smaller mask"
         )
     kind = classify(matches, 2.0 * np.pi / keys.width)
-    return _moving(where, keys, folder, steps) if kind == "moving" else _resting(kind, keys, pixels, matches)
+    if kind != "moving":
+        return _resting(kind, keys, pixels, matches)
+    found = _moving(where, keys, folder, steps)
+    solved = found.paths, keys.time_s[found.index], folder, keys.width, keys.height, found.position, found.rotation
+    return replace(found, agreed=agreement(*solved))
 
 
 def _mask(keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, *, mask_only: bool) -> Path:

@@ -246,7 +246,7 @@ def _in_world(
         poses.kind, keys.time_s, world.place(position), world.rotation @ rotation, residual,
         residual * 360.0 / keys.width, poses.index, world.place(poses.points), poses.error_px, coverage, keys.width,
         world.floor, world.up, world.scale_from, _known(np.median, slip), _known(np.max, slip),
-        _known(np.median, feature), world.depth_m,
+        _known(np.median, feature), world.depth_m, poses.agreed,
     )  # fmt: skip
 
 
@@ -283,6 +283,9 @@ _GOOD_PX, _USABLE_PX = 0.6, 1.2
 """Largest median residual [px] of a good and of a usable track. Below, codec noise; above, features slip."""
 _GOOD_SHARE, _USABLE_SHARE = 0.9, 0.6
 """Least share of frames that were solved rather than interpolated."""
+_GOOD_AGREED, _USABLE_AGREED = 0.8, 0.5
+"""Least share of what is seen again that fits the path. Of paths made by drifting light 0.1 to 0.45 does, and these
+turn by degrees and slip by a third of their length; of paths by the floor 0.95."""
 _FAR = 50.0
 """Largest extent of a path over the median distance of its points; a wrong pose reaches thousands."""
 _KINDS = {"still": "stands still", "turning": "turns on the spot", "moving": "moves"}
@@ -293,9 +296,10 @@ def verdict(track: CameraTrack) -> str:
     solved = np.isfinite(track.residual_px)
     share, residual = float(np.mean(solved)), float(np.nanmedian(track.residual_px))
     word = "doubtful"
-    if residual <= _USABLE_PX and share >= _USABLE_SHARE:
+    agreed = 1.0 if track.agreed is None else track.agreed
+    if residual <= _USABLE_PX and share >= _USABLE_SHARE and agreed >= _USABLE_AGREED:
         word = "usable"
-    if residual <= _GOOD_PX and share >= _GOOD_SHARE:
+    if residual <= _GOOD_PX and share >= _GOOD_SHARE and agreed >= _GOOD_AGREED:
         word = "good"
     if len(track.points) and np.ptp(track.position, axis=0).max() > _FAR * np.median(
         np.linalg.norm(track.points - track.position[0], axis=1)
@@ -323,6 +327,9 @@ def report_lines(track: CameraTrack) -> list[str]:
                 else ""
             )
         )
+    if track.agreed is not None:
+        drifts = "" if track.agreed >= _GOOD_AGREED else ": light that drifts, as caustics do, may have made it"
+        lines.append(f"seen again {100.0 * track.agreed:.0f} % of the matches over half a second fit the path{drifts}")
     if track.held_out_px is not None:
         ground = ""
         if track.slip_px is not None:

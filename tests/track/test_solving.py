@@ -13,9 +13,10 @@ import pytest
 import mr360uw as uw
 from mr360uw.base.sphere import directions, yaw_matrix
 from mr360uw.errors import OutputError, ParameterError
+from mr360uw.sample import DiveSettings
 from mr360uw.sample.dive import record
 from mr360uw.track.camera_track import Measure
-from mr360uw.track.tracking import track_shots
+from mr360uw.track.tracking import track_shots, verdict
 
 WIDTH, FRAMES, FLOOR_M, LID_M = 384, 8, -2.0, 3.0
 
@@ -89,6 +90,15 @@ def test_light_that_drifts_over_a_camera_at_rest_is_no_path(tmp_path: Path) -> N
     track = uw.track_camera(uw.sample_dive(tmp_path, width=768, frames=30).plate)
     assert track.kind == "still"
     np.testing.assert_array_equal(track.position, 0.0)
+
+
+def test_a_path_that_light_made_is_not_called_good(tmp_path: Path) -> None:
+    """Over sand of little texture the caustics are followed; what is seen again half a second later tells."""
+    pytest.importorskip("pycolmap")
+    track = uw.track_camera(uw.sample_dive(tmp_path, DiveSettings(speed_m_s=0.8), width=768, frames=30).plate)
+    assert track.agreed is not None
+    assert track.agreed < 0.7
+    assert not verdict(track).startswith("good")
 
 
 def test_a_folder_of_other_files_is_left_alone(tmp_path: Path) -> None:
