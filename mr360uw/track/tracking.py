@@ -283,9 +283,9 @@ _GOOD_PX, _USABLE_PX = 0.6, 1.2
 """Largest median residual [px] of a good and of a usable track. Below, codec noise; above, features slip."""
 _GOOD_SHARE, _USABLE_SHARE = 0.9, 0.6
 """Least share of frames that were solved rather than interpolated."""
-_GOOD_AGREED, _USABLE_AGREED = 0.8, 0.5
-"""Least share of what is seen again that fits the path. Of paths made by drifting light 0.1 to 0.45 does, and these
-turn by degrees and slip by a third of their length; of paths by the floor 0.95."""
+_GOOD_AGREED, _USABLE_AGREED = 0.8, 0.6
+"""Least share of what is seen again that fits the path. Of paths made by drifting light 0.1 to 0.57 does, and most of
+these turn by degrees and slip by a third of their length; of paths by the floor 0.96."""
 _FAR = 50.0
 """Largest extent of a path over the median distance of its points; a wrong pose reaches thousands."""
 _KINDS = {"still": "stands still", "turning": "turns on the spot", "moving": "moves"}
