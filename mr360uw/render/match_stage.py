@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mr360uw.base.cache import Cache
 from mr360uw.base.color import decode_signal, encode, ycbcr_from_rgb
 from mr360uw.base.sphere import disc_directions, frame_from_direction
-from mr360uw.composite.grading.colour_grade import ColourGrade, Three, code_of, graded_spec, luma_weights_of
+from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade, Three, code_of, graded_spec, luma_weights_of
 from mr360uw.composite.grading.patch_solve import Patch
 from mr360uw.composite.grading.settings import MatchSettings, PatchSettings, PlateGrade
 from mr360uw.errors import DamagedFrameError, ParameterError, VideoError
@@ -127,7 +127,7 @@ def ungraded(loaded: Loaded, grade: PlateGrade | None, plate: VideoFrame, cache:
     grade: of the clip; None measures it in this frame alone.
     """
     colour = asked_grade(loaded, grade, plate, cache).colour
-    return cache.of(VideoFrame.graded_by, plate, colour) if colour.changes else plate
+    return plate if colour == NO_GRADE else cache.of(VideoFrame.graded_by, plate, colour)
 
 
 def grade_in_frame(loaded: Loaded, plate: VideoFrame, shown: list[VideoFrame], cache: Cache) -> PlateGrade:
