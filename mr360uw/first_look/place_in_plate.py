@@ -363,7 +363,8 @@ _WAY_FROM, _LANE = 0.8, 0.6
 _ACROSS = 9
 """Points along a side of a foot, and of what a body hides."""
 UNEVEN, _NO_PLACE = 0.9, 3.5
-"""Costs above which a place is doubtful, and none where distances are known: rubble has 2.2 at most without these."""
+"""Costs above which a place is doubtful, and above which it is none where distances are known: what looks like rubble
+costs 2.2 at most, before they are counted."""
 
 
 Sides = tuple[float, float, float]

@@ -130,19 +130,15 @@ _CELLS = (12, 6)
 """Cells around the sphere, and from pole to pole."""
 
 
-def at_rest(
-    paths: tuple[Path, ...], time_s: Floats, folder: Path, width: int, height: int
-) -> tuple[tuple[Floats, ...], Matches] | None:
-    """Return the pixels (n, 2) of each key frame's features and the matches of those that stand still, of a camera at
-    rest over which light drifts; None where too little stands still for that.
+def at_rest(matches: Matches, time_s: Floats, pixel_rad: float) -> Matches | None:
+    """Return the matches that stand still, of a camera at rest over which light drifts; None where too few do for that.
 
-    time_s: (k,) of the key frames. folder: in which `match_features` has left its databases.
+    matches: of `all_matches`. time_s: (k,) of the key frames.
     """
-    pixel, matched = _all_matches(paths, folder, width, height)
     # Part the matches by whether they stand still, and count those of frames that are some time apart, cell by cell
     still, count = {}, np.zeros((2, _CELLS[0] * _CELLS[1]), np.int64)
-    for (i, j), (a, b) in matched.items():
-        stays = np.linalg.norm(a - b, axis=1) < _STATIC_PX * 2.0 * np.pi / width
+    for (i, j), (a, b) in matches.items():
+        stays = np.linalg.norm(a - b, axis=1) < _STATIC_PX * pixel_rad
         if np.count_nonzero(stays) >= _MINIMUM_MATCHES:
             still[i, j] = a[stays], b[stays]
         if time_s[j] - time_s[i] >= _CALM_S:
@@ -152,24 +148,22 @@ def at_rest(
     moved, stayed = count
     both, any_ = np.count_nonzero((moved > 0) & (stayed > 0)), np.count_nonzero(moved + stayed)
     enough = both >= max(_RESTING_CELLS, _RESTING_OVER * any_)
-    return (pixel, still) if still and enough and stayed.sum() >= _RESTING * count.sum() else None
+    return still if still and enough and stayed.sum() >= _RESTING * count.sum() else None
 
 
-def agreement(
-    paths: tuple[Path, ...], time_s: Floats, folder: Path, width: int, height: int, position: Floats, rotation: Floats
-) -> float | None:
+def agreement(matches: Matches, time_s: Floats, pixel_rad: float, position: Floats, rotation: Floats) -> float | None:
     """Return the share of the matches between key frames some time apart that fit their solved poses; None of too few.
 
-    position (k, 3), rotation (k, 3, 3): of the key frames. The other arguments are those of `at_rest`. Light that
-    drifts over a floor fits a path from one frame to the next, but is not seen again: a third fits where it made the
-    path, and 19 of 20 where the floor did.
+    position (k, 3), rotation (k, 3, 3): of the key frames, NaN where not solved. The other arguments are those of
+    `at_rest`. Light that drifts over a floor fits a path from one frame to the next, but is not seen again: a third
+    fits where it made the path, and 19 of 20 where the floor did.
     """
-    pixel_rad, fits, number = 2.0 * np.pi / width, 0, 0
-    for (i, j), (a, b) in _all_matches(paths, folder, width, height)[1].items():
+    fits = number = 0
+    for (i, j), (a, b) in matches.items():
         moved, way = np.linalg.norm(a - b, axis=1), position[j] - position[i]
         # What rides along with the camera tells nothing of its path
         some = (moved >= _STATIC_PX * pixel_rad) & (moved <= _NEAR_RAD)
-        if not _CALM_S <= time_s[j] - time_s[i] <= _LONG_S or not np.any(way):
+        if not _CALM_S <= time_s[j] - time_s[i] <= _LONG_S or not np.linalg.norm(way) > 0.0:
             continue
         # Rays to one point lie in a plane with the way between both cameras
         across = np.cross(way, a[some] @ rotation[i].T)
@@ -179,18 +173,18 @@ def agreement(
     return fits / number if number >= _MINIMUM_MATCHES else None
 
 
-def _all_matches(paths: tuple[Path, ...], folder: Path, width: int, height: int) -> tuple[tuple[Floats, ...], Matches]:
-    """Return the pixels (n, 2) of each key frame's features and the directions of all matches, verified or not.
+def all_matches(paths: tuple[Path, ...], folder: Path, width: int, height: int) -> Matches:
+    """Return all matches of key frames, verified or not; none where a run that was stopped late goes on without them.
 
-    There are none where a run that was stopped late goes on without them.
+    folder: in which `match_features` has left its databases.
     """
     found = folder / "features.db"
     if not found.is_file():
-        return (), {}
+        return {}
     with load_colmap().Database.open(found) as stored:
         pixel, matched = _read_matches(stored, paths, pairs_to_match(len(paths)))
     directions = tuple(direction_from_frame(p[:, 0], p[:, 1], width, height) for p in pixel)
-    return pixel, {(i, j): (directions[i][m[:, 0]], directions[j][m[:, 1]]) for (i, j), m in matched.items()}
+    return {(i, j): (directions[i][m[:, 0]], directions[j][m[:, 1]]) for (i, j), m in matched.items()}
 
 
 def match_features(

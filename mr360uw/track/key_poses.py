@@ -26,6 +26,7 @@ from mr360uw.track.colmap import (
     SEED,
     Matches,
     agreement,
+    all_matches,
     at_rest,
     average_rotations,
     classify,
@@ -234,21 +235,26 @@ def solve_key_frames(
         riding=mask_only,
     )  # fmt: skip
     # Light that drifts over a camera at rest looks like a floor that passes by, but for what stands still among it
-    resting = at_rest(keys.paths, keys.time_s[keys.index], folder, keys.width, keys.height)
+    every, pixel_rad = all_matches(keys.paths, folder, keys.width, keys.height), 2.0 * np.pi / keys.width
+    time_s = keys.time_s[keys.index]
+    resting = at_rest(every, time_s, pixel_rad)
     if resting is not None:
-        return _resting("still", keys, *resting)
+        return _resting("still", keys, pixels, resting)
     matched = {i for pair in matches for i in pair}
     if len(matched) < max(2, _LEAST_MATCHED * len(keys.index)):
         raise ParameterError(
             f"{where} - too few features are seen again (got {len(matched)} of {len(keys.index)} key frames) - give a "
             "clip that shows more of the floor or a reef, or a smaller mask"
         )
-    kind = classify(matches, 2.0 * np.pi / keys.width)
+    kind = classify(matches, pixel_rad)
     if kind != "moving":
         return _resting(kind, keys, pixels, matches)
+    # Hold the path against what is seen again some time later
     found = _moving(where, keys, folder, steps)
-    solved = found.paths, keys.time_s[found.index], folder, keys.width, keys.height, found.position, found.rotation
-    return replace(found, agreed=agreement(*solved))
+    solved = np.isin(keys.index, found.index)
+    position, rotation = np.full((len(solved), 3), np.nan), np.full((len(solved), 3, 3), np.nan)
+    position[solved], rotation[solved] = found.position, found.rotation
+    return replace(found, agreed=agreement(every, time_s, pixel_rad, position, rotation))
 
 
 def _mask(keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, *, mask_only: bool) -> Path:

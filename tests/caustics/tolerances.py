@@ -103,8 +103,8 @@ PHILLIPS_HELD = 0.03
 SLOPE_ROUNDING = 1e-6
 """Slopes below a flat sea: sums in single precision."""
 SLOPE_OF_A_RAY = 4e-4
-"""Slopes at places that single rays reach: a pixel of 7 cm is a mean over a hundredth of a wave of 8 m."""
+"""Slopes at places that single rays reach: a pixel of 3 cm is a mean over a hundredth of a wave of 8 m."""
 SLOPES_SUMMED = 3e-3
 """RMS of slopes from coarser cells against those of all of them: a tenth of what there is."""
 BENT_SHADOW = 0.065
-"""RMS of the light at the edge of a shadow against photons in squares of 3 cm: 0.060, of which noise is 0.008."""
+"""RMS of the light at the edge of a shadow against photons in squares of 3 cm: 0.058, of which noise is 0.008."""
