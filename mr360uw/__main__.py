@@ -10,7 +10,7 @@ import sys
 _INTERRUPTED = 130  # 128 + SIGINT, as shells count
 _NEW_OBJECTS = 100_000
 """New objects between two searches for rubbish: while modules load, thousands are made that all stay."""
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # numbers of glibc's malloc.h
+_M_TRIM_THRESHOLD, _M_TOP_PAD, _M_MMAP_THRESHOLD = -1, -2, -3  # numbers of glibc's malloc.h
 _KEPT_BYTES, _HEAP_BYTES = 1 << 30, 1 << 25
 """Free memory that glibc keeps at most, and the largest blocks that it takes from there, which may not be larger."""
 
@@ -38,6 +38,7 @@ def _keep_freed_memory() -> None:
     set_option = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
     if set_option is not None:  # other C libraries have none
         set_option(_M_TRIM_THRESHOLD, _KEPT_BYTES)
+        set_option(_M_TOP_PAD, 2 * _HEAP_BYTES)  # as large as a thread's heap: with less room, it gives that back
         set_option(_M_MMAP_THRESHOLD, _HEAP_BYTES)
 
 

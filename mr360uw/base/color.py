@@ -370,13 +370,15 @@ _SIGNALS = np.linspace(0.05, 1.0, 96)
 
 
 @functools.cache
-def unseen_change(spec: ColorSpec) -> float:
-    """Return the relative change of light that moves no code of a plate by more than half a step, `LEAST_CHANGE` at
-    least.
+def unseen_changes(spec: ColorSpec) -> NDArray[np.float32]:
+    """Return, for each code of a plate of 8 to 16 bits, the relative change of light that moves no code up to it by
+    more than half a step, `LEAST_CHANGE` at least. The darker a code, the more of its light a step is.
     """
     growth = np.gradient(np.log(np.maximum(decode_signal(_SIGNALS, spec), 1e-9)), _SIGNALS)
-    _, span, _, _ = code_range(spec)
-    return max(float(0.5 / span * growth.min()), LEAST_CHANGE)
+    low, span, _, _ = code_range(spec)
+    signal = (np.arange(1 << spec.bits) - low) / span
+    up_to = np.interp(signal, _SIGNALS, np.minimum.accumulate(growth))
+    return np.maximum(0.5 / span * up_to, LEAST_CHANGE).astype(np.float32)
 
 
 def code_range(spec: ColorSpec) -> tuple[float, float, float, float]:

@@ -126,7 +126,8 @@ class Shot(Parts):
     soft, over about a pixel. holdout_beside: another such distance (H, W) [m], and the fraction (H, W), 0 to 0.5, of
     pixels along edges that it holds for. pattern: the plate's own caustics on the receiver, which shadows remove; None
     leaves them.
-    unseen: relative change of light that does not show in the plate's codes (`color.unseen_change`).
+    unseen: relative change of light that does not show in the plate's codes (`color.unseen_changes`), of all of them or
+    of each block of the ground (R, C).
     between: two samples in time about this instant, between which the solved ambient light of bodies is interpolated
     where they move little; None solves it for this instant.
     """
@@ -144,7 +145,7 @@ class Shot(Parts):
     holdout_beside: tuple[Floats, Floats] | None = None
     pattern: PlatePattern | None = None
     draw: DrawSettings = field(default_factory=DrawSettings)
-    unseen: float = LEAST_CHANGE
+    unseen: Floats | float = LEAST_CHANGE
     between: BetweenSamples | None = None
 
     @property

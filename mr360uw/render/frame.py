@@ -23,9 +23,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 import numpy as np
 
 from mr360uw.base.cache import Cache, drop_shared
-from mr360uw.base.color import unseen_change
+from mr360uw.base.color import LEAST_CHANGE, unseen_changes
 from mr360uw.base.constants import JUST_BELOW_M
 from mr360uw.base.optics import into_air
+from mr360uw.base.tile_blend import BLOCK
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.light_sources import lamps_of, sun_of
@@ -220,7 +221,7 @@ def shown_to_eye(
     shown: dict[str, Any] = {
         "receiver": now.receiver_at(plate.index, plate.time_s, number, eye_m),
         "pattern": plate_pattern(now, background, plate, cache),
-        "unseen": unseen_change(plate.spec),
+        "unseen": _unseen_in_blocks(plate),
     }
     mask, metres = now.mattes.at(plate.index, number)
     # What the plate's own depth hides is added to the mattes, with what lies beside the edges of it
@@ -234,6 +235,23 @@ def shown_to_eye(
         if beside_m is not None and of_plate.share is not None:
             shown["holdout_beside"] = beside_m, of_plate.share
     return shown | {"holdout": mask, "holdout_distance_m": metres}
+
+
+def _unseen_in_blocks(plate: VideoFrame) -> Floats | float:
+    """Return `Shot.unseen` of a plate, by the brightest of four pixels of each of its blocks."""
+    if plate.yuv is not None:
+        codes = plate.yuv.y
+    else:
+        assert plate.rgb is not None
+        codes = plate.rgb[..., 1]
+    if codes.dtype.kind == "f":
+        return LEAST_CHANGE
+    (height, width), half = codes.shape, BLOCK // 2
+    rows = np.minimum(np.arange(half // 2, -(-height // BLOCK) * BLOCK, half), height - 1)
+    columns = np.minimum(np.arange(half // 2, -(-width // BLOCK) * BLOCK, half), width - 1)
+    few = np.take(codes[rows], columns, axis=1)
+    few = np.maximum(few[::2], few[1::2])
+    return unseen_changes(plate.spec)[np.maximum(few[:, ::2], few[:, 1::2])]
 
 
 def shot_at(

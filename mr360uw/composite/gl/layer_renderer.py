@@ -221,19 +221,15 @@ class ReceiverPass:
         assert shot.receiver is not None
         level, plane_m = shot.receiver.plane_y is not None, _plane_m(shot)
         (cj, ci), (mj, mi) = places_in_mask(ground.corners_of(shaded)), places_in_mask(shaded)
-        reach = ground.reach_m[mj, mi]
-        places = np.zeros((len(cj) + len(mj), 4))
-        places[: len(cj), :3] = ground.corner_point[cj, ci]
-        places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], reach
-        footprints = np.zeros((len(places), 12))
-        footprints[:, :3] = places[:, :3]
-        slopes, steepest = ground_slopes(shot, places[:, :3]), steepest_slope(shot)
-        visible = light.visibility.seen(footprints, (DISC, HALO), slopes=slopes)
-        scattered = scattered_share(shot, np.array([[0.0, plane_m, 0.0]]) if level else places[:, :3])
-        visible[:, 0] = _of_beam(visible, scattered)
+        still = PartOf((shot, light), light.visibility.of_sun)
+        footprints, halo_seen, kept, gap = self._cache.of(_unturned, still, of_blocks, shaded, steepest_slope(shot))
+        slopes = ground_slopes(shot, footprints[:, :3])
+        visible = light.visibility.seen(footprints, (DISC,), slopes=slopes)[:, 0]
+        scattered = scattered_share(shot, np.array([[0.0, plane_m, 0.0]]) if level else footprints[:, :3])
+        visible += scattered * (halo_seen - visible)
         at_corners = np.zeros((2, shaded.shape[0] + 1, shaded.shape[1] + 1), np.float32)
-        at_corners[:, cj, ci] = visible[: len(cj)].T
-        (seen, halo_seen), (kept, gap) = visible[len(cj) :].T, light.visibility.hidden(places[len(cj) :], steepest).T
+        at_corners[:, cj, ci] = visible[: len(cj)], halo_seen[: len(cj)]
+        seen, reach = visible[len(cj) :], ground.reach_m[mj, mi]
         # Penumbrae that are narrow, or not straight between corners and middle, are edges
         of_disc, of_halo = 2.0 * np.tan(sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
         bent = np.zeros(len(mj), np.bool_)
@@ -248,14 +244,14 @@ class ReceiverPass:
         sharp = narrow | (missed > _HALVED * SMOOTH) | bent
         found = (sharp | (missed > SMOOTH)) & (kept > 0.0) & (kept < _WHOLE_DISC)
         umbra[mj, mi], edge[mj, mi] = kept == _WHOLE_DISC, found
-        missed = np.abs(halo_seen - halo_four.mean(axis=1)) * scattered[-len(mj) :]
+        missed = np.abs(halo_seen[len(cj) :] - halo_four.mean(axis=1)) * scattered[-len(mj) :]
         interpolable = (of_halo >= _WIDE * reach) & (missed <= SMOOTH)
         halo[mj, mi] = np.where(interpolable[:, None], halo_four, -1.0)
         # On level ground, refine those that show nothing else
         pixels, own = None, found & ~ground.rough[mj, mi] & ~of_blocks.whole.lamplit[mj, mi]
         if level and not waves and np.any(own):
             pixels = self._refined((shot, light), ground, gaps, mj[own], mi[own], halo[mj, mi][own], sharp[own])
-        return SunSight((cj, ci), visible[: len(cj), 0].astype(np.float32), edge, umbra, halo, pixels)
+        return SunSight((cj, ci), visible[: len(cj)].astype(np.float32), edge, umbra, halo, pixels)
 
     def _refined(
         self, lit: _Lit, ground: Ground, gaps: Gaps, j: Indices, i: Indices, halo: Floats, sharp: NDArray[np.bool_]
@@ -322,9 +318,9 @@ class ReceiverPass:
             sides = top + place[:, None] * (below - top)
             known[:, 1] = (sides[..., :1] + place * (sides[..., 1:] - sides[..., :1])).ravel()
             slopes = ground_slopes(shot, footprints[:, :3], footprints[:, 3:9].reshape(-1, 2, 3))
-            seen = light.visibility.seen(footprints, (DISC, HALO), known=known, slopes=slopes)
-            of_beam = _of_beam(seen, scattered_share(shot, footprints[: 1 if shape is None else None, :3]))
-            named["seen"] = np.asarray(of_beam, np.float32).reshape(-1, side, side, 1)
+            disc, of_halo = light.visibility.seen(footprints, (DISC, HALO), known=known, slopes=slopes).T
+            scattered = scattered_share(shot, footprints[: 1 if shape is None else None, :3])
+            named["seen"] = (disc + scattered * (of_halo - disc)).astype(np.float32).reshape(-1, side, side, 1)
         if wanted & {"CAUSTICS", "ROUGH"}:
             named |= self._draw(lit, origin, wanted, side, shape, footprints)
         return named
@@ -356,12 +352,23 @@ class ReceiverPass:
         return named | ({"added": values[..., 12:15]} if "LAMPS" in wanted else {})
 
 
+def _unturned(
+    alike: PartOf[_Lit], of_blocks: PartOf[GroundReach], shaded: Blocks, steepest: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return what waves do not turn: footprints (n, 12) of the corners and the middles of shaded blocks, the visible
+    fraction (n,) of the halo from there, and of `Visibility.hidden` what bodies may hide from the blocks, and how far
+    these are.
+    """
+    visibility, ground = alike.whole[1].visibility, of_blocks.whole.ground
+    corner, middle = places_in_mask(ground.corners_of(shaded)), places_in_mask(shaded)
+    middles, reach = ground.middle_point[middle], ground.reach_m[middle]
+    footprints = np.zeros((len(corner[0]) + len(middles), 12))
+    footprints[:, :3] = np.concatenate([ground.corner_point[corner], middles])
+    hidden = visibility.hidden(np.append(middles, reach[:, None], axis=1), steepest)
+    return footprints, visibility.seen(footprints, (HALO,))[:, 0], *hidden.T
+
+
 def _plane_m(shot: Shot) -> float:
     """Return the height [m] of a level receiver above the camera; any number for other shapes."""
     assert shot.receiver is not None
     return (shot.receiver.plane_y or 0.0) - float(shot.view.position[1])
-
-
-def _of_beam(seen: Floats, scattered: Floats) -> Floats:
-    """Return the visible fraction (n,) of the beam: of disc and halo, the first of `seen`, by their fractions of it."""
-    return seen[:, 0] + scattered * (seen[:, 1] - seen[:, 0])

@@ -104,11 +104,6 @@ class Visibility:
         """Numbers of the lamps among the lights."""
         return range(HALO + 1, len(self.lights))
 
-    @property
-    def _columns(self) -> tuple[Floats, NDArray[np.float32], int, bool]:
-        """Slots and what is in them, as the kernels take them."""
-        return self.slots, self.values, self.size, self.clear
-
     def hidden(self, places: Floats, steepest: float = 0.0) -> Floats:
         """Return for balls (n, 4), middle and radius, which of the sun's lights bodies may hide (n, 2): 0 neither, 1
         the halo, 2 part of the disc, 3 all of both; and the distance [m] to the nearest such body.
@@ -118,7 +113,7 @@ class Visibility:
         found, lights = np.empty((len(places), 2)), self.lights[: HALO + 1].copy()
         lights[DISC, 2] += steepest
         lights[HALO, 2] = max(lights[DISC, 2], lights[HALO, 2])
-        _find_hidden(places, lights, self._columns, found)
+        _find_hidden(places, lights, (self.slots, self.values, self.size, self.clear), found)
         return found
 
     def seen(
@@ -142,7 +137,8 @@ class Visibility:
             sun /= sun[1]
             across = (sun - np.insert(slopes[:, :2], 1, 0.0, axis=1)) @ axes.T
             turned = np.column_stack([across[:, :2] / across[:, 2:], slopes[:, 2] / np.linalg.norm(sun)])
-        _see(footprints, of_lights, np.array(fans, np.int64), self._columns, (self.rays, self.fans), turned, found)
+        columns = self.slots, self.values, self.size, self.clear
+        _see(footprints, of_lights, np.array(fans, np.int64), columns, (self.rays, self.fans), turned, found)
         return found
 
 

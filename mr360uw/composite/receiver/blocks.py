@@ -490,7 +490,8 @@ def changed_blocks(shot: Shot, reach: GroundReach, blocks: Blocks) -> Blocks:
     ground, (j, i) = reach.ground, places_in_mask(blocks)
     most, near = np.zeros((2, len(j)), np.float32), np.zeros(len(j), np.bool_)
     _survey(j, i, reach.corner[..., FREE.start :], ground.middle_point, ground.reach_m, _balls(shot), most, near)
-    marks = ground.broken[j, i] | _crossed(ground, reach.ambient)[j, i] | near | (most[1] > np.float32(shot.unseen))
+    unseen = np.broadcast_to(np.float32(shot.unseen), blocks.shape)[j, i]
+    marks = ground.broken[j, i] | _crossed(ground, reach.ambient)[j, i] | near | (most[1] > unseen)
     changed = np.zeros_like(blocks)
     changed[j[marks], i[marks]] = True
     return changed

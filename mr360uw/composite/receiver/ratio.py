@@ -152,7 +152,7 @@ def ground_of(
         mean = NO_MEAN if pattern.mean is None else np.asarray(pattern.mean, np.float16).view(np.uint16)
     first = np.searchsorted(row, np.arange(len(corner)))
     lines = GroundLines(
-        first, column, corner, images, height, np.float32(shot.unseen), pattern is not None, mean, blurs,
+        first, column, corner, images, height, np.float32(np.min(shot.unseen)), pattern is not None, mean, blurs,
         np.float32(strength), np.float32(np.inf if pattern is None else pattern.white),
     )  # fmt: skip
     return BlockGround(lines, None if pattern is None else pattern.picture)
