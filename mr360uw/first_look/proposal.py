@@ -157,7 +157,8 @@ _SURE_HEIGHT, _GUESSED_HEIGHT = 1.1, 1.7
 _USUAL_M, _USUAL_RANGE = 20.0, 2.0
 """Visibility of clear coasts where people dive, at most that of the type; half and double of it are as common."""
 _LEAST_TEXTURE, _LEAST_OVER_NOISE = 0.015, 8.0
-"""Differences of the nearest floor, over its light and over those of open water, without which there is none to see."""
+"""Differences of the nearest floor over its light, and of half of it over those of open water, without which there is
+none to see."""
 _LEAST_ROWS = 5
 _TINY = 1e-9
 _UNSURE = 0.35
@@ -258,8 +259,9 @@ def _by_contrast(image: Floats, height_m: float, unsure: float) -> Sight | None:
     high = np.maximum(_DEEP * np.sin(angle) ** 2 * rows / np.pi, 1.0)
     contrast = np.array([_difference(green, -a, s, h) for a, s, h in zip(angle, apart, high, strict=True)])
     noise = np.array([_difference(green, np.radians(_FLATTEST_DEG), s, h) for s, h in zip(apart, high, strict=True)])
+    noise = np.minimum(noise, noise[-1])  # means over more pixels have less of it, and more of a glow
     below = float(np.median(green[round(rows * (0.5 + angle[0] / np.pi))]))
-    if contrast[0] < max(_LEAST_TEXTURE * below, _LEAST_OVER_NOISE * noise[0]):
+    if contrast[0] < _LEAST_TEXTURE * below or np.median(contrast / np.maximum(noise, _TINY)) < _LEAST_OVER_NOISE:
         return None
     seen = contrast > _NOISE * noise
     seen = np.logical_and.accumulate(seen)  # beyond the first row that does not show, all is noise
@@ -277,14 +279,15 @@ def _by_contrast(image: Floats, height_m: float, unsure: float) -> Sight | None:
 
 
 def _difference(light: Array, elevation: float, apart: int, high: float) -> float:
-    """Return the median difference of light (h, w) about an elevation, between means over `high` rows `apart` columns
-    from each other."""
+    """Return the median difference of light (h, w) about an elevation, between means over `high` rows and the middle of
+    two that are `apart` columns to either side; so a glow that grows along the row makes none.
+    """
     rows = len(light)
     middle = rows * (0.5 - elevation / np.pi)
     first = int(np.clip(round(middle - 0.5 * high), 0, rows - 1))
     across = light[first : first + max(round(high), 1)].mean(axis=0)
-    box = np.convolve(np.pad(across, apart, mode="wrap"), np.ones(max(apart // 2, 1)) / max(apart // 2, 1), "same")
-    return float(np.median(np.abs(box[2 * apart :] - box[: -2 * apart])))
+    box = np.convolve(np.pad(across, 2 * apart, mode="wrap"), np.ones(max(apart // 2, 1)) / max(apart // 2, 1), "same")
+    return float(np.median(np.abs(box[2 * apart : -2 * apart] - 0.5 * (box[4 * apart :] + box[: -4 * apart]))))
 
 
 # What was found and guessed, in words, and as a scene of some thirty lines.
