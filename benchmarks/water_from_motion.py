@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How right the water is that clips tell: python benchmarks/water_from_motion.py [first] [last] [maps|stereo|clip]
+"""How right the water is that clips tell: python benchmarks/water_from_motion.py [first] [last] [maps|stereo|clip|haze]
 
 Dives of seeds first to last (not included; default 201 to 221) in five Jerlov types: floor, walls and rocks
 (`tests/depth/wet_dive.py`) through the solved light of the water, under moving caustics of half to twice their usual
@@ -8,7 +8,8 @@ of 512 columns, over ten seconds of a camera that swims 4 m.
 
 maps: distances are the true ones, off by 1.5 % over patches of 6 degrees (default). stereo: those of
 `mr360uw.depth.distances`, from 24 neighbours, sure ones alone. clip: all of it as a user has it, a video of five frames
-a second and the camera's path, `depth_of_clip` and `water_of_clip`.
+a second and the camera's path, `depth_of_clip` and `water_of_clip`. haze: maps of dives in plain haze of any colour,
+whose veil is the same all around in each second one, and brighter above in the others.
 
 Attenuation: of the transmittance between the distances between which eight of ten places are seen. Veil: of the horizon
 in the exposure of the clip. The last rows are of clips that are hard: of a camera that hardly moves, and of a floor
@@ -32,7 +33,7 @@ from mr360uw.medium.water import JerlovType
 from mr360uw.medium.water_by_distance import WaterByDistance, water_by_distance
 from mr360uw.types import Floats
 from tests.depth.test_clip_depth import write_track
-from tests.depth.wet_dive import WetDive
+from tests.depth.wet_dive import HazyDive, WetDive
 
 TYPES: tuple[JerlovType, ...] = ("IB", "II", "1C", "3C", "5C")
 STRENGTHS = (1.0, 0.5, 2.0, 1.0)
@@ -45,7 +46,10 @@ def main(first: int = 201, last: int = 221, maps: str = "maps") -> None:
     errors, inside, named, said = [], [], 0, 0
     print("            attenuation over truth    veil over truth           visibility          nearest")
     for seed in range(first, last):
-        dive = WetDive(seed, TYPES[seed % 5], STRENGTHS[seed // 5 % 4])
+        strength = STRENGTHS[seed // 5 % 4]
+        dive = WetDive(seed, TYPES[seed % 5], strength)
+        if maps == "haze":
+            dive = HazyDive(seed, strength, tilted=seed % 2 > 0)
         seen = seen_places(dive.frames(SECONDS, FRAMES, stereo=maps == "stereo"))
         found = of_clip(dive) if maps == "clip" else water_by_distance(seen)
         if found.problem:
@@ -55,7 +59,7 @@ def main(first: int = 201, last: int = 221, maps: str = "maps") -> None:
         c, v = dive.truth(seen)
         errors.append((found.attenuation / c - 1.0, found.veil / v - 1.0))
         inside.append((_within(found, "attenuation", c), _within(found, "veil", v)))
-        named += found.water_type == dive.kind
+        named += maps != "haze" and found.water_type == dive.kind
         told = "  ".join(" ".join(f"{x:6.3f}" for x in 1.0 + e) for e in errors[-1])
         low, high = found.visibility_range_m
         print(
@@ -72,7 +76,7 @@ def main(first: int = 201, last: int = 221, maps: str = "maps") -> None:
             f"{name}: within {100 * most:.0f} % in {shares} % of them (R G B), median {medians} %, "
             f"interval holds {held_by} %"
         )
-    if maps != "clip":
+    if maps in ("maps", "stereo"):
         hard(first)
 
 

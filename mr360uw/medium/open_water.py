@@ -332,18 +332,45 @@ _SMOOTHED = 0.5
 """l in pixels of the equator."""
 _NOTHING = 1e-7
 """e: a millionth of what a pixel that is known counts."""
+_TURNS, _SWEEPS, _RELAXED = 3, 4, 0.8
+"""Turns of both grids, sweeps over the fine one in each, and the part of a step that a sweep takes. The logarithm of
+light is within .006 of the exact one, .0003 at the median; with two turns .026, with four the same .005, by the poles."""
 
 
 def filled(values: Array, weight: Array) -> Array:
-    """Return an equirectangular map (h, w, k) that follows values where weights (h, w) of 0 to 1 say they are known."""
+    """Return an equirectangular map (h, w, k) that follows values where weights (h, w) of 0 to 1 say they are known.
+
+    Two grids, h and w even: what a map of half the size leaves over is relaxed on the whole one, in turns.
+    """
+    import cv2
     from scipy.sparse import diags
     from scipy.sparse.linalg import splu
 
     height, width, channels = values.shape
+
+    def halved(fine: Array) -> Array:
+        whole = fine.reshape(height // 2, 2, width // 2, 2, -1).sum(axis=(1, 3))
+        return np.asarray(whole.reshape(height * width // 4, -1))
+
+    def doubled(coarse: Array) -> Array:
+        small = coarse.reshape(height // 2, width // 2, channels)
+        around = np.pad(np.pad(small, ((0, 0), (1, 1), (0, 0)), mode="wrap"), ((1, 1), (0, 0), (0, 0)), mode="edge")
+        large = cv2.resize(around, (width + 4, height + 4), interpolation=cv2.INTER_LINEAR)
+        return np.asarray(large[2:-2, 2:-2].reshape(height * width, channels))
+
+    # What holds each pixel to its own value, and to those beside it
     area, stiffness = _sphere(height, width)
-    known = weight.ravel() * area
-    solve = splu((stiffness + diags(known + _NOTHING * area)).tocsc(), permc_spec="MMD_AT_PLUS_A")
-    return np.asarray(solve.solve(known[:, None] * values.reshape(-1, channels)).reshape(values.shape))
+    held = (weight.ravel() + _NOTHING) * area
+    whole = (stiffness + diags(held)).tocsr()
+    coarse = splu((_sphere(height // 2, width // 2)[1] + diags(halved(held)[:, 0])).tocsc(), permc_spec="MMD_AT_PLUS_A")
+    wanted = (weight.ravel() * area)[:, None] * values.reshape(-1, channels)
+    # Solve what is left over, smoothly on the coarse grid, then pixel by pixel
+    found, step = np.zeros_like(wanted), _RELAXED / whole.diagonal()[:, None]
+    for _ in range(_TURNS):
+        found += doubled(coarse.solve(halved(wanted - whole @ found)))
+        for _ in range(_SWEEPS):
+            found += step * (wanted - whole @ found)
+    return found.reshape(values.shape)
 
 
 @shared(keep=2)

@@ -9,7 +9,8 @@ is u, a camera sees
 c: attenuation [1/m]. V: light of open water along the horizon, the veil of a long way. The veil of ways that lead
 down fills up faster and to less; that of a channel whose longer waves are lost soon fills up more slowly than things
 fade, as its shorter waves come from farther: a = (c/c')^-0.75, c' of the next shorter channel. So it is, nearly, in the
-solved light fields of all types of water.
+solved light fields of all types of water; in plain haze (Koschmieder 1924), a is 1 and g, h and k are 0. Either is
+likely before a clip is seen, and what lies between them.
 
 L0 is eliminated for each place by least squares. Light that moves over a place (caustics) changes L0 from frame to
 frame; the more a place changes, the less it counts, and large deviations are clipped, all relative to exp(-c d), so
@@ -30,15 +31,15 @@ from mr360uw.medium.medium import Medium
 from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
 from mr360uw.types import Array
 
-_FASTER, _FASTER_SPREAD = 0.55, 0.12
-"""k, and its standard deviation, over the solved fields of Jerlov types IB to 7C at 5 m."""
-_SLOWER, _SLOWER_SPREAD = 0.75, 0.1
-"""Exponent that a is expected to have, and standard deviation of the logarithm of a about that, over the same."""
-_SLOPE, _SLOPE_SPREAD = 1.4, 0.35
-"""g, and its standard deviation, over the same."""
+_FASTER, _FASTER_SPREAD = 0.35, 0.3
+"""k, and its standard deviation: .55 in the solved fields of Jerlov types IB to 7C at 5 m, 0 in plain haze."""
+_SLOWER, _SLOWER_SPREAD, _SLOWER_LEAST = 0.45, 0.4, 0.1
+"""Minus the logarithm of a for that of c/c', and its standard deviation, for that and at least: .75 in these fields, 0
+in plain haze."""
+_SLOPE, _SLOPE_SPREAD = 0.9, 0.7
+"""g, and its standard deviation: 1.4 in these fields, 0 in plain haze."""
 _BEND_SPREAD = 0.5
 """Standard deviation of h, whose mean is 0."""
-_BEFORE = np.array([_SLOPE_SPREAD, _BEND_SPREAD, _SLOWER_SPREAD, _FASTER_SPREAD])
 _CLEAREST, _MURKIEST = 0.005, 3.0
 """Range of attenuations [1/m]: below that of pure water in blue, above that of type 9C."""
 _STARTS = (0.06, 0.3)
@@ -204,15 +205,15 @@ def _untold(places: int, ratio: float) -> WaterByDistance:
 class _Draw:
     """A sample of places and frames. places: (n,) and frames: (k,) how often each counts.
 
-    faster, slope: k and g that are expected. slower: what is added to the logarithm of a that is expected. drift: of
-    the logarithm of light with that of distance. open_off: of open water, in its standard deviations.
+    faster, slope, slower: k, g and log a, and open_off: open water, in standard deviations from what is expected.
+    drift: of the logarithm of light with that of distance.
     """
 
     places: Array
     frames: Array
-    faster: float = _FASTER
+    faster: float = 0.0
     slower: float = 0.0
-    slope: float = _SLOPE
+    slope: float = 0.0
     drift: float = 0.0
     open_off: float = 0.0
 
@@ -223,10 +224,7 @@ class _Draw:
         count = seen.light.shape[1]
         often, frames = (np.bincount(rng.integers(0, n, n), minlength=n) for n in (len(parts), count))
         faster, slower, slope, drift, off = rng.standard_normal(5)
-        return cls(
-            often[number].astype(np.float64), frames.astype(np.float64), _FASTER + _FASTER_SPREAD * faster,
-            _SLOWER_SPREAD * slower, _SLOPE + _SLOPE_SPREAD * slope, _DRIFT * drift, off,
-        )  # fmt: skip
+        return cls(often[number].astype(float), frames.astype(float), faster, slower, slope, _DRIFT * drift, off)
 
 
 class _Channel:
@@ -300,11 +298,14 @@ class _Channel:
         c, full, slope, bend, slower, faster = theta
         up = self._open_up
         of_open = full + slope * up + bend * up * up - self._open
-        expected = draw.slower - _SLOWER * (0.0 if shorter is None else max(float(c) - shorter, 0.0))
-        before = np.array([slope - draw.slope, bend, slower - expected, faster - draw.faster])
-        return np.concatenate(
-            [left * root / np.sqrt(_ALIKE), of_open / self._open_noise - draw.open_off, before / _BEFORE]
-        )
+        # In standard deviations; the longer the waves of a channel, the less is known of a
+        longer = 0.0 if shorter is None else max(float(c) - shorter, 0.0)
+        before = np.array([
+            (slope - _SLOPE) / _SLOPE_SPREAD - draw.slope, bend / _BEND_SPREAD,
+            (slower + _SLOWER * longer) / (_SLOWER_LEAST + _SLOWER_SPREAD * longer) - draw.slower,
+            (faster - _FASTER) / _FASTER_SPREAD - draw.faster,
+        ])  # fmt: skip
+        return np.concatenate([left * root / np.sqrt(_ALIKE), of_open / self._open_noise - draw.open_off, before])
 
 
 def _nearest_type(attenuation: Array, spread: Array, reach_m: Array) -> tuple[JerlovType, float]:

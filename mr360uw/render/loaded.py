@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -405,34 +405,36 @@ def _placement_notes(loaded: Loaded) -> tuple[str, ...]:
 
     Checked at the keys of the object and of the camera.
     """
+    scene, camera, reads = loaded.scene, loaded.surroundings.camera, loaded._loader.reads
+    under_m = scene.camera.depth_m if scene.water.type != "none" else None
     return tuple(
         f"object[{number}] {placed.settings.mesh.name} - {note}"
         for number, placed in enumerate(loaded.objects)
-        for note in _notes_on(loaded, placed)
+        for note in reads.of(_notes_on, placed, camera, under_m, loaded.height, keep=2 * len(loaded.objects))
     )
 
 
-def _notes_on(loaded: Loaded, placed: SceneObject) -> Iterator[str]:
-    scene, camera = loaded.scene, loaded.surroundings.camera
-    times = _times(placed, camera)
+def _notes_on(placed: SceneObject, camera: CameraPath, under_m: float | None, height: int) -> tuple[str, ...]:
+    """Return what is odd about where an object is. under_m: height of the water's surface, None where there is none."""
+    times, notes = _times(placed, camera), []
     poses = [camera.at(time) for time in times]
     views = [placed.at(time, 0, *pose) for time, pose in zip(times, poses, strict=True)]
-    surface_m = scene.camera.depth_m
-    above = [view.to_world(view.mesh.hull.reshape(-1, 3))[:, 1].min() - surface_m for view in views]
-    if scene.water.type != "none" and min(above) > 0.0:
-        yield (
-            f"is wholly above the water's surface (got {min(above):.2f} m at the least) - lower its position_m, or set "
-            "camera.depth_m to the camera's true depth"
+    lowest = min(float(view.to_world(view.mesh.hull.reshape(-1, 3))[:, 1].min()) for view in views)
+    if under_m is not None and lowest > under_m:
+        notes.append(
+            f"is wholly above the water's surface (got {lowest - under_m:.2f} m at the least) - lower its position_m, "
+            "or set camera.depth_m to the camera's true depth"
         )
     inside = [time for time, (eye, _), view in zip(times, poses, views, strict=True) if _is_in_bounds(eye, view)]
     if inside and placed.settings.visible:
-        yield (
+        notes.append(
             f"the camera is within its bounds (got time {inside[0]:.2f} s) - if that is not meant, move it by "
             "position_m, or set its size_m or scale"
         )
-    pixels = [_pixels(eye, view, loaded.height) for (eye, _), view in zip(poses, views, strict=True)]
+    pixels = [_pixels(eye, view, height) for (eye, _), view in zip(poses, views, strict=True)]
     if max(pixels) < 1.0 and placed.settings.visible:
-        yield f"is smaller than a pixel (got {max(pixels):.2g} at the most) - set its scale, or move it nearer"
+        notes.append(f"is smaller than a pixel (got {max(pixels):.2g} at the most) - set its scale, or move it nearer")
+    return tuple(notes)
 
 
 def _times(placed: SceneObject, camera: CameraPath) -> Floats:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -69,6 +70,21 @@ def test_attenuation_and_veil_of_a_type(kind: str) -> None:
     assert abs(found.visibility_m / sight - 1.0) < tolerances.ATTENUATION
     assert found.overrides[1] == f"water.visibility_m={found.visibility_m:.3g}"
     assert "green  attenuation" in str(found)
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0])
+def test_attenuation_and_veil_of_plain_haze(slope: float) -> None:
+    """Koschmieder's haze, whose veil fills up as fast as things fade, in all directions; solved water is unlike it."""
+    seen, _ = places("II", caustics=0.05)
+    c, v = np.array([0.3, 0.12, 0.09]), np.array([0.03, 0.12, 0.2])
+    own = np.random.default_rng(6).uniform(0.02, 0.6, (len(seen.part), 1, 1))
+    left = np.exp(-seen.distance_m[..., None] * c)
+    light = own * left + v * np.exp(slope * seen.up)[..., None] * (1.0 - left)
+    light *= np.exp(0.05 * np.random.default_rng(7).standard_normal(left.shape[:2]))[..., None]
+    found = water_by_distance(replace(seen, light=light, open_light=v * np.exp(slope * seen.open_up)[:, None]))
+    assert not found.problem
+    assert np.all(np.abs(found.attenuation / c - 1.0) < 0.06)  # of some places in 16 frames that differ by 5 %
+    assert np.all(np.abs(found.veil / v - 1.0) < 0.04)
 
 
 def test_a_clip_that_does_not_tell_says_so() -> None:

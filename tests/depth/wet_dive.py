@@ -98,3 +98,31 @@ class WetDive:
         near, far = np.percentile(seen.distance_m[seen.seen], (10.0, 90.0))
         passed = medium(self.kind).transmittance(np.array([near, far]), DEPTH_M, 0.0)
         return np.log(passed[0] / passed[1]) / (far - near), medium(self.kind).veil(1e4, DEPTH_M, 0.0) * self.exposure
+
+
+class HazyDive(WetDive):
+    """A dive in plain haze (Koschmieder 1924) of its own: L = L0 exp(-c d) + V exp(g u) (1 - exp(-c d)).
+
+    tilted: whether g is 0 to 2, else it is 0. u: y of the direction, up to .6, beyond which the surface is seen.
+    """
+
+    def __init__(self, seed: int, caustics: float, width: int = 512, *, tilted: bool = False) -> None:
+        super().__init__(seed, "II", caustics, width=width)
+        r = np.random.default_rng([seed, 55])
+        # Red is lost fastest, and green or blue least
+        red, one, other = np.sort(np.exp(r.uniform(np.log(0.05), np.log(0.35), 3)))[::-1]
+        self.haze = np.array([max(red, 0.2), *((one, other) if r.random() < 0.6 else (other, one))])
+        self.veil = r.uniform(0.3, 1.0, 3) * np.array([0.03, 0.1, 0.12])
+        slope = r.uniform(0.0, 2.0) if tilted else 0.0
+        far, up = np.meshgrid(self.far, np.minimum(self.up, 0.6))
+        left, shown = np.exp(-far[..., None] * self.haze), self.veil * np.exp(slope * up)[..., None]
+        self.table = RegularGridInterpolator(
+            (self.up, np.arange(len(self.far))), np.concatenate([left, shown * (1.0 - left)], axis=-1)
+        )
+        self.lit, self.open = np.full(3, 0.3 * r.uniform(0.5, 1.5)), shown[:, 0]
+        self.exposure = 1.0
+        self.exposure = 0.6 / float(np.quantile(self.light(0.0)[0].max(axis=-1), 0.99)) * self.gain
+
+    def truth(self, seen: SeenPlaces) -> tuple[Floats, Floats]:  # noqa: ARG002 - the same at all distances
+        """Return attenuation (3,) [1/m] and veil (3,) of the clip."""
+        return self.haze, self.veil * self.exposure
