@@ -334,7 +334,7 @@ _NOTHING = 1e-7
 """e: a millionth of what a pixel that is known counts."""
 _TURNS, _SWEEPS, _RELAXED = 3, 4, 0.8
 """Turns of both grids, sweeps over the fine one in each, and the part of a step that a sweep takes. The logarithm of
-light is within .006 of the exact one, .0003 at the median; with two turns .026, with four the same .005, by the poles."""
+light is within .006 of the exact one, .0003 at the median; with two turns .026, with four .005, beside the poles."""
 
 
 def filled(values: Array, weight: Array) -> Array:

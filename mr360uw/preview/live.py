@@ -29,6 +29,7 @@ from mr360uw.render.first_pass import Background, ClipAnalysis, clip_analysis, w
 from mr360uw.render.frame import Frame, close_backend, composite_frame, make_backend
 from mr360uw.render.loaded import Loaded, Loader
 from mr360uw.render.match_stage import grade_in_frame, patch_frames
+from mr360uw.render.plate_light import FrameLight, held_light
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Floats
@@ -75,6 +76,12 @@ def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:
     return Same(plate), scene.camera, scene.water, scene.light, scene.keys, files, wanted
 
 
+def _of_light(scene: Scene, index: int) -> Hashable:
+    """Return what a plate's light depends on but water, depth and floor."""
+    camera = scene.camera.model_copy(update={"depth_m": 0.0})
+    return scene.plate.model_copy(update={"scale": 1.0}), camera, scene.light, index, scene.water.type == "none"
+
+
 def _of_ground(loaded: Loaded) -> Hashable:
     return loaded.plan.pattern.runs, loaded.scene.receiver, waves_of(loaded.scene)
 
@@ -96,10 +103,10 @@ _KINDS = 2
 class LivePreview:
     """Renders single frames of scenes, one after the other; what a change of the scene leaves as it was is kept.
 
-    A frame depends on its scene, its number and its width alone, never on the frames before it. Files that are changed
-    meanwhile are read again. After an error the preview goes on working. It belongs to the thread that made it, as its
-    renderer does. backend: "auto", "gl" or "reference"; raises what `make_backend` raises. note: the reason where auto
-    fell back to the reference, else "". plates: reads the plates' frames.
+    A frame depends on its scene, its number and its width alone, never on the frames before it, unless it holds their
+    light. Files that are changed meanwhile are read again. After an error the preview goes on working. It belongs to
+    the thread that made it, as its renderer does. backend: "auto", "gl" or "reference"; raises what `make_backend`
+    raises. note: the reason where auto fell back to the reference, else "". plates: reads the plates' frames.
     """
 
     def __init__(self, backend: str = "auto") -> None:
@@ -107,6 +114,7 @@ class LivePreview:
         self._cache = Cache(_KINDS)
         self.plates = KeptFrames(self._cache)
         self._last = ClipAnalysis()  # that was measured
+        self._held: tuple[Hashable, FrameLight] | None = None  # the light of the last frame, and what it is of
         # what it depends on, of the scene and of its draft, and what its background depends on besides
         self._clip_keys: tuple[Hashable, ...] = ()
         self._ground_keys: tuple[Hashable, ...] = ()
@@ -116,8 +124,11 @@ class LivePreview:
         """Runs of each stage, by the name of its function (`mr360uw.base.cache.name_of`)."""
         return self._cache.made
 
-    def frame(self, scene: Scene, index: int, width: int | None = None) -> Frame:
+    def frame(self, scene: Scene, index: int, width: int | None = None, *, holds_light: bool = False) -> Frame:
         """Return a composited frame of a scene, `width` pixels wide; None takes the scene's own width.
+
+        holds_light: take the plate's light from the last picture of this frame, if all but the water, the depth, the
+        floor and what is in the water is as it was; only the gain of the veil is fitted again. For drafts.
 
         The sun, the veil's gain and the background are those that `measure` found; without it, they are measured in
         this frame alone: a composite of the clip takes them from all of it, so that its light may differ a little.
@@ -132,7 +143,12 @@ class LivePreview:
                 places = patch_frames(scene.match, self.plates.reader(scene))
                 shown = [self.plates.at(scene, place, width) for place in places]
                 analysis = replace(analysis, grade=grade_in_frame(loaded, plate, shown, self._cache))
-            return composite_frame(loaded, analysis, self.backend, plate, 0.0, cache=self._cache)
+            of_light, light = _of_light(loaded.scene, index), None
+            if holds_light and self._held is not None and self._held[0] == of_light:
+                light = held_light(self._held[1], loaded.at(plate.time_s).surroundings, analysis, plate)
+            frame = composite_frame(loaded, analysis, self.backend, plate, 0.0, cache=self._cache, light=light)
+            self._held = self._held if light is not None else None if frame.light is None else (of_light, frame.light)
+            return frame
 
     def measure(self, scene: Scene, progress: Progress | None = None) -> ClipAnalysis:
         """Measure a scene's clip as a composite does before its first frame; frames use what was found from now on.

@@ -416,16 +416,25 @@ def _placement_notes(loaded: Loaded) -> tuple[str, ...]:
 
 def _notes_on(placed: SceneObject, camera: CameraPath, under_m: float | None, height: int) -> tuple[str, ...]:
     """Return what is odd about where an object is. under_m: height of the water's surface, None where there is none."""
-    times, notes = _times(placed, camera), []
-    poses = [camera.at(time) for time in times]
-    views = [placed.at(time, 0, *pose) for time, pose in zip(times, poses, strict=True)]
+    # Where it is; the hull of one that plays holds all of its poses
+    times, notes = _times(placed, camera), list[str]()
+    poses, resting = [camera.at(time) for time in times], replace(placed, playback=None)
+    views = [resting.at(time, 0, *pose) for time, pose in zip(times, poses, strict=True)]
+    hull = resting.meshes[0].hull.reshape(-1, 3)
     lowest = min(float(view.to_world(view.mesh.hull.reshape(-1, 3))[:, 1].min()) for view in views)
     if under_m is not None and lowest > under_m:
         notes.append(
             f"is wholly above the water's surface (got {lowest - under_m:.2f} m at the least) - lower its position_m, "
             "or set camera.depth_m to the camera's true depth"
         )
-    inside = [time for time, (eye, _), view in zip(times, poses, views, strict=True) if _is_in_bounds(eye, view)]
+    # Only where the camera may be inside, it is posed
+    inside = []
+    for time, (eye, turned), view in zip(times, poses, views, strict=True):
+        if placed.playback is None or _is_within(eye, view, hull.min(axis=0), hull.max(axis=0)):
+            then = placed.at(time, 0, eye, turned)
+            half = 0.5 * then.mesh.extent_m
+            if _is_within(eye, then, then.mesh.center_m - half, then.mesh.center_m + half):
+                inside.append(time)
     if inside and placed.settings.visible:
         notes.append(
             f"the camera is within its bounds (got time {inside[0]:.2f} s) - if that is not meant, move it by "
@@ -445,10 +454,10 @@ def _times(placed: SceneObject, camera: CameraPath) -> Floats:
     return times[np.unique(np.linspace(0, len(times) - 1, _INSTANTS).round().astype(int))]
 
 
-def _is_in_bounds(eye: Floats, view: PlacedObject) -> bool:
-    """Return whether a point of the world is in an object's bounding box."""
+def _is_within(eye: Floats, view: PlacedObject, low: Floats, high: Floats) -> bool:
+    """Return whether a point of the world is in a box (low, high) in an object's axes."""
     local = np.linalg.solve(view.world_from_object, [*eye, 1.0])[:3]
-    return bool(np.all(np.abs(local - view.mesh.center_m) <= 0.5 * view.mesh.extent_m))
+    return bool(np.all((low <= local) & (local <= high)))
 
 
 def _pixels(eye: Floats, view: PlacedObject, height: int) -> float:

@@ -302,6 +302,14 @@ def plate_light(loaded: Loaded, analysis: ClipAnalysis, plate: VideoFrame, cache
     return cache.of(_plate_light, loaded.surroundings, of_light, plate, plan.sun.runs, plan.glossy.runs)
 
 
+def held_light(light: FrameLight, surroundings: Surroundings, analysis: ClipAnalysis, plate: VideoFrame) -> FrameLight:
+    """Return the light of a plate's frame that was found in other water, with the veil's gain alone found again."""
+    medium, gain = surroundings.medium_at(plate.time_s), None
+    if medium is not None and surroundings.water.fits_gain:
+        gain, _ = _gain(analysis, plate, medium, surroundings.camera.at(plate.time_s)[1][1])
+    return replace(light, gain=gain, plate_ratio=None if gain is None else light.plate_ratio)
+
+
 def _plate_light(
     surroundings: Surroundings, analysis: ClipAnalysis, plate: VideoFrame, has_sun: bool, glossy: bool
 ) -> FrameLight:

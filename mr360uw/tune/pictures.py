@@ -81,8 +81,9 @@ class PageRenderer:
     def picture(self, wanted: Wanted, width: int) -> MadePicture:
         """Return a picture of about a width, without its number and kind; raises what `LivePreview.frame` raises."""
         preview = self.preview
-        scene = coarse(wanted.scene) if width <= COARSE_WIDTH and width < wanted.width else wanted.scene
-        frame = preview.frame(scene, wanted.index, width)
+        draft = width <= COARSE_WIDTH and width < wanted.width
+        scene = coarse(wanted.scene) if draft else wanted.scene
+        frame = preview.frame(scene, wanted.index, width, holds_light=draft)
         loaded = preview.loaded(scene, width).at(frame.plate.time_s)
         plate = preview.plates.reader(wanted.scene)
         duration_s = float((plate.frame_count or 0) / plate.frame_rate)

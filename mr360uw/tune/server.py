@@ -259,6 +259,10 @@ def is_loopback(host: str) -> bool:
         return host.lower() == "localhost"
 
 
+_NOBODY_THERE = "No response returned."
+"""What starlette raises where a browser has gone before its answer began."""
+
+
 class Guard:
     """An ASGI application before another one.
 
@@ -286,7 +290,11 @@ class Guard:
         elif scope["type"] == "http" and scope["path"] == "/" and self._is_token(asked.query_params.get("token", "")):
             await self._welcome(asked.query_params, hosts[0])(scope, receive, send)
         elif self._is_token(asked.cookies.get(_cookie_name(hosts[0]), "")):
-            await self._app(scope, receive, _with_headers(send))
+            try:
+                await self._app(scope, receive, _with_headers(send))
+            except RuntimeError as error:
+                if str(error) != _NOBODY_THERE:
+                    raise
         else:
             await _refuse(scope, receive, send, "a token is needed: open the address that was printed at the start")
 

@@ -140,6 +140,31 @@ def test_drafts_look_like_frames(kept: LivePreview, small_dive: Path) -> None:
 # --- errors and files ------------------------------------------------------------------------------------------------
 
 
+def test_a_draft_may_hold_the_plates_light(small_dive: Path, subtests: pytest.Subtests) -> None:
+    """To solve it anew for other water takes most of a draft, and changes it little."""
+    scene = load_scene(small_dive, FEW)
+    with LivePreview("reference") as live:
+        live.frame(scene, 0)
+        for change in ("camera.depth_m=6", "water.visibility_m=12", 'water.type="II"', "receiver.height_m=-2.7"):
+            with subtests.test(change):
+                changed = load_scene(small_dive, (*FEW, change))
+                before = live.made["plate_light"]
+                held = live.frame(changed, 0, holds_light=True)
+                assert live.made["plate_light"] == before
+                whole = live.frame(changed, 0)
+                assert live.made["plate_light"] == before + 1
+                shown = np.any(whole.picture.image_linear != whole.plate.image_linear, axis=-1)
+                assert np.count_nonzero(shown) > 100
+                one, other = (screen_codes(frame.picture.image_linear)[shown].astype(int) for frame in (held, whole))
+                assert np.abs(one - other).mean() < 2.0  # of codes that change by tens; .2 to 1 on plates of 1024
+                live.frame(scene, 0)
+        # Of another frame, or in other light, there is none to hold
+        for index, changed in ((1, scene), (0, load_scene(small_dive, (*FEW, "light.exposure=0.5")))):
+            whole = live.frame(changed, index)
+            live.frame(scene, 0)
+            assert same(live.frame(changed, index, holds_light=True).picture, whole.picture)
+
+
 def test_it_works_on_after_errors(small_dive: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(small_dive.parent, tmp_path / "dive")
     scene = load_scene(folder / small_dive.name, FEW)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import MutableMapping
 from typing import Any
 
@@ -154,3 +155,16 @@ def test_the_start_of_the_server_gets_through() -> None:
 )  # fmt: skip
 def test_loopback(host: str, expected: bool) -> None:
     assert is_loopback(host) == expected
+
+
+@pytest.mark.parametrize(("problem", "raised"), [("No response returned.", False), ("the page is broken", True)])
+def test_a_browser_that_goes_before_its_answer_is_no_fault(problem: str, raised: bool) -> None:
+    """Starlette raises there, and the terminal would show a traceback for every tab that is closed."""
+
+    async def gone(*_: Any) -> None:
+        raise RuntimeError(problem)
+
+    cookie = dict(asked(Guard(page, "192.168.0.7", "s3cret"), OWN, query="token=s3cret")[0][0]["headers"])
+    shown = {**OWN, "cookie": cookie[b"set-cookie"].decode().partition(";")[0]}
+    with pytest.raises(RuntimeError, match="broken") if raised else contextlib.nullcontext():
+        assert asked(Guard(gone, "192.168.0.7", "s3cret"), shown) == ([], False)
