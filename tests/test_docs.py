@@ -145,6 +145,7 @@ def test_citations_are_read() -> None:
 def test_every_citation_has_an_entry_and_every_entry_is_cited() -> None:
     package = Path(mr360uw.__file__).parent
     sources = [path for ending in ("py", "glsl", "frag", "vert", "geom") for path in package.rglob(f"*.{ending}")]
+    sources += (ROOT / "samples").rglob("*.py")
     cited = set().union(*map(citations, sources)) - NAMES
     entries = re.findall(r"^@\w+\{(\w+),\n(.*?)^\}", (package / "references.bib").read_text("utf-8"), re.M | re.S)
     keys = [key for key, _ in entries]

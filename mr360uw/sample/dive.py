@@ -145,7 +145,7 @@ def sample_dive(
         with one_blas_thread():
             record(made.plate, images(), frame_rate, settings.seed, settings.transfer, settings.bits)
         fine = width >= _FINE
-        write_whale(made.mesh, _CALF_M, detail="high" if fine else "low", seed=settings.seed, swims=fine)
+        write_whale(made.mesh, _CALF_M, detail="high" if fine else "low", swims=fine)
         if settings.moves:
             write_whole(folder / TRACK, _track(settings, times))
         write_whole(made.truth, json.dumps(dive_truth(dive, times), indent=1, default=np.ndarray.tolist) + "\n")

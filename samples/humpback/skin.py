@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from shape import EYE, Chart, WhaleSkin, above_lips, profile
 
 from mr360uw.base.texels import smoothstep
-from mr360uw.sample.whale_shape import EYE, Chart, WhaleSkin, above_lips, profile
 from mr360uw.types import Floats
 
 _ATLAS = {
