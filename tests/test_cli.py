@@ -21,6 +21,7 @@ import av
 import numpy as np
 import pytest
 
+import mr360uw as uw
 from mr360uw.base.progress import begin_phase, terminal_progress
 from mr360uw.errors import EXTRAS
 from mr360uw.ibl import track_suns
@@ -130,6 +131,26 @@ def test_explain_measures_the_stages_of_a_frame(scene: Path, run: Run) -> None:
     code, _, err = run("composite", scene, "out.mp4", "--measure")
     assert code == 2
     assert "--measure - times the stages that --explain lists (got it alone) - give both" in err
+
+
+def test_programs_read_what_is_found_as_json(scene: Path, tmp_path: Path, run: Run) -> None:
+    code, said, _ = run("check", scene, "--json")
+    found = json.loads(said)
+    assert (code, found["problems"]) == (0, [])
+    assert any(line.startswith("plate") for line in found["said"])
+    code, said, errors = run("check", scene, "--json", "--set", "object.0.mesh=none.glb")
+    assert code == 2
+    assert json.loads(said)["problems"] == [line.strip() for line in errors.splitlines()[1:]]
+    found = json.loads(run("info", "--json")[1])
+    assert (found["version"], found["wrong"], "numpy" in found["packages"]) == (uw.__version__, False, True)
+    plate = uw.load_scene(scene).plate.path
+    found = json.loads(run("analyse", plate, "-o", tmp_path / "page.html", "--json")[1])
+    assert found["medium"]["underwater"] is True
+    assert str(tmp_path / "page.html") in found["written"]
+    found = json.loads(run("match", scene, "--water", "0,0,20", "--json")[1])["found"]
+    assert 0.0 <= found["confidence"] <= 1.0
+    assert len(found["plate_code"]) == 3
+    assert found["agreement"] is None  # of one frame it is not a number, which JSON has no word for
 
 
 def test_the_schema_has_units_and_help(run: Run) -> None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments and options that several commands share, their text as values, and the gate before every command.
+"""Arguments and options that several commands share, their text as values, the gate before every command, and what
+commands say.
 
 Every file that the command line names is declared as read or written, and what is written passes the gate first.
 """
@@ -8,8 +9,11 @@ from __future__ import annotations
 
 import functools
 import itertools
+import json
+import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hints
@@ -87,6 +91,7 @@ SizeOption = Annotated[str, typer.Option(help="of a view, in pixels")]
 
 
 EyeOption = Annotated[Literal["left", "right"] | None, typer.Option(help="eye of a stereo plate to work on")]
+JsonOption = Annotated[bool, typer.Option("--json", help="print what is found as one line of JSON, for programs")]
 
 
 def frame_range(text: str | None) -> tuple[int, int | None]:
@@ -145,3 +150,42 @@ def variants(overrides: Sequence[str]) -> list[tuple[str, ...]]:
             )
         choices.append([f"{key}={value.strip()}" for value in re.split(r",(?![^\[]*\])", values)])
     return list(itertools.product(*choices))
+
+
+class Said:
+    """What a command says: its lines as they come or, as JSON, all of them at the end, with what was found."""
+
+    def __init__(self, as_json: bool) -> None:
+        self._json, self._lines = as_json, list[str]()
+
+    def __call__(self, text: str) -> None:
+        """Say some lines."""
+        if self._json:
+            self._lines += text.splitlines()
+        else:
+            typer.echo(text)
+
+    def end(self, **found: object) -> None:
+        """Print the JSON object, if asked for: what was found by its names, and `said`, the lines."""
+        if self._json:
+            typer.echo(json.dumps({name: _plain(value) for name, value in found.items()} | {"said": self._lines}))
+
+
+_MOST_NUMBERS = 64
+"""Numbers of an array that stand in JSON: vectors and small tables; longer ones are in the files that are written."""
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it: a record without its long arrays, and null for what is not finite or unknown."""
+    if is_dataclass(value):
+        inside = {one.name: getattr(value, one.name) for one in fields(value)}
+        return {name: _plain(one) for name, one in inside.items() if getattr(one, "size", 0) <= _MOST_NUMBERS}
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if hasattr(value, "tolist"):  # of NumPy
+        value = value.tolist()
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(one) for one in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 import typer
 
-from mr360uw.cli.arguments import BackendOption, EyeOption, OverwriteOption, Role
+from mr360uw.cli.arguments import BackendOption, EyeOption, JsonOption, OverwriteOption, Role, Said
 from mr360uw.errors import Mr360uwError, ParameterError, install_command, installed
 
 if TYPE_CHECKING:
@@ -215,6 +215,7 @@ def track(
     scale: Annotated[float, typer.Option(help="metres per unit of the file")] = 1.0,
     eye: EyeOption = None,
     overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Solve the camera's path of VIDEO from its pictures, for camera.track of a scene; say how good it is.
 
@@ -228,7 +229,7 @@ def track(
             raise ParameterError(
                 "--from - takes its scale from --scale (got a measure or a mask for solving) - leave them out"
             )
-        _convert(solved, video, out, fps, scale, overwrite=overwrite)
+        _convert(solved, video, out, fps, scale, Said(as_json), overwrite=overwrite)
         return
     if video is None:
         raise ParameterError("VIDEO - is missing - name a 360 clip, or give --from")
@@ -240,7 +241,7 @@ def track(
     measure = Measure(height, apart, depth_log, depth_offset)
     track_files(out, [video, *(file for file in (mask, depth_log) if file is not None)], overwrite=overwrite)
     check_work_folder(_work_of(out))
-    _solve(video, out, measure, mask, eye, mask_only=mask_only, overwrite=overwrite)
+    _solve(video, out, measure, mask, eye, Said(as_json), mask_only=mask_only, overwrite=overwrite)
 
 
 def floor(
@@ -279,6 +280,7 @@ def depth(
     ] = None,
     overwrite: OverwriteOption = False,
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Write distances and confidences of all frames of VIDEO, as numbered EXR files; a stopped run goes on."""
     from mr360uw.base.progress import begin_phase, terminal_progress
@@ -295,22 +297,25 @@ def depth(
     if eye != "both" and ipd is not None:
         raise ParameterError("--ipd - is for --eye both alone (got it without) - leave it out")
     # Two eyes need no track; a moving camera may tell the water too
+    say, found = Said(as_json), None
     with terminal_progress(lines=progress_lines) as progress:
         if eye == "both":
             apart = EYES_APART_M if ipd is None else ipd
             report = depth_of_eyes(
                 video, out, width=width or 2048, eyes_apart_m=apart, overwrite=overwrite, progress=progress
             )
-            typer.echo(str(report))
+            say(str(report))
+            say.end(maps=report)
             return
         report = depth_of_clip(
             video, out, track=track, width=width or 1024, eye=eye, overwrite=overwrite, progress=progress
         )
-        typer.echo(str(report))
+        say(str(report))
         if water and track is not None:
             begin_phase(progress, "reading the water")
             found = water_of_clip(video, out, track, eye=eye, progress=progress)
-            typer.echo("\n".join([str(found), *(f"--set {change}" for change in found.overrides)]))
+            say("\n".join([str(found), *(f"--set {change}" for change in found.overrides)]))
+    say.end(maps=report, water=found)
 
 
 def _work_of(out: Path) -> Path:
@@ -318,7 +323,9 @@ def _work_of(out: Path) -> Path:
     return out.with_name(f"{out.stem}.track-work")
 
 
-def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, scale: float, *, overwrite: bool) -> None:
+def _convert(
+    solved: Path, video: Path | None, out: Path, fps: float | None, scale: float, say: Said, *, overwrite: bool
+) -> None:
     """Write the path in another program's file as a track, or for another program."""
     from mr360uw.track.camera_track import track_files
     from mr360uw.track.path_files import EXPORTS, export, read_solved_path, track_of
@@ -335,8 +342,9 @@ def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, sca
     else:
         track_files(out, [solved], overwrite=overwrite)
         written = track.save(out, overwrite=overwrite)
-    typer.echo(f"{path.format}: {len(track.time_s)} cameras")
-    typer.echo("\n".join([*report_lines(track), "wrote " + "\n      ".join(str(name) for name in written)]))
+    say(f"{path.format}: {len(track.time_s)} cameras")
+    say("\n".join([*report_lines(track), "wrote " + "\n      ".join(str(name) for name in written)]))
+    say.end(tracks=[track], written=written)
 
 
 def _solve(
@@ -345,6 +353,7 @@ def _solve(
     measure: Measure,
     mask: Path | None,
     eye: Literal["left", "right"] | None,
+    say: Said,
     *,
     mask_only: bool,
     overwrite: bool,
@@ -367,14 +376,17 @@ def _solve(
     outs = [out if len(shots) == 1 else shot_path(out, number) for number in range(1, len(shots) + 1)]
     for path in outs:
         track_files(path, overwrite=overwrite)
+    every: list[Path] = []
     for number, (path, shot) in enumerate(zip(outs, shots, strict=True), 1):
         if len(shots) > 1:
-            typer.echo(f"shot {number}: frames {shot.start}:{shot.stop}, in a world of its own")
+            say(f"shot {number}: frames {shot.start}:{shot.stop}, in a world of its own")
         if shot.track is None:
-            typer.echo(f"not tracked: {shot.problem}")
+            say(f"not tracked: {shot.problem}")
             continue
         written = shot.track.save(path, overwrite=overwrite)
-        typer.echo("\n".join([*report_lines(shot.track), "wrote " + "\n      ".join(str(name) for name in written)]))
+        say("\n".join([*report_lines(shot.track), "wrote " + "\n      ".join(str(name) for name in written)]))
+        every += written
+    say.end(tracks=[shot.track for shot in shots], written=every)
     remove_work_folder(keep)
     if all(shot.track is None for shot in shots):
         raise ParameterError(f"{video} - none of its {len(shots)} shots can be tracked - see above")

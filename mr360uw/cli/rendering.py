@@ -13,8 +13,10 @@ from mr360uw.cli.arguments import (
     BackendOption,
     FrameOption,
     FramesOption,
+    JsonOption,
     OverwriteOption,
     Role,
+    Said,
     ScaleOption,
     SceneArgument,
     SetOption,
@@ -26,7 +28,7 @@ from mr360uw.cli.arguments import (
     view_of,
     worker_count,
 )
-from mr360uw.errors import ParameterError
+from mr360uw.errors import ParameterError, SceneError
 
 
 def composite(
@@ -163,15 +165,22 @@ def check(
     frames: FramesOption = None,
     backend: BackendOption = "auto",
     overrides: SetOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Check SCENE and every file it names, without rendering; print every problem, or the plan, and left-over parts."""
     from mr360uw.render.check import check_scene
     from mr360uw.runs.work_folder import stale_notes
     from mr360uw.scene.model import load_scene
 
-    loaded = load_scene(scene, overrides or ())
-    text = check_scene(loaded, out, frames=frame_range(frames), backend=backend, where=str(scene))
-    typer.echo("\n".join([text, *stale_notes((out or scene).absolute().parent)]))
+    say = Said(as_json)
+    try:
+        loaded = load_scene(scene, overrides or ())
+        text = check_scene(loaded, out, frames=frame_range(frames), backend=backend, where=str(scene))
+    except SceneError as error:
+        say.end(problems=error.problems)
+        raise
+    say("\n".join([text, *stale_notes((out or scene).absolute().parent)]))
+    say.end(problems=[])
 
 
 def clean(

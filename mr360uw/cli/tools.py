@@ -12,8 +12,10 @@ from mr360uw.cli.arguments import (
     BackendOption,
     EyeOption,
     FramesOption,
+    JsonOption,
     OverwriteOption,
     Role,
+    Said,
     SceneArgument,
     SetOption,
     frame_range,
@@ -35,6 +37,7 @@ def analyse(
     ] = None,
     eye: EyeOption = None,
     overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
     from mr360uw.base.progress import terminal_progress
@@ -43,22 +46,21 @@ def analyse(
     from mr360uw.preview.pages import analyse_video
     from mr360uw.scene.model import load_scene
 
-    in_air = False
+    in_air, say, medium = False, Said(as_json), None
     if video.suffix.lower() != ".toml":
         medium = look_at_plate(video, eye).medium
         in_air = not medium.underwater
-        typer.echo(where_line(medium))
+        say(where_line(medium))
     else:
         scene = load_scene(video)
         if "water" not in scene.model_fields_set and scene.plate.model_fields_set == {"path"}:
             in_air = not look_at_plate(scene.plate.path).medium.underwater
             if in_air:
-                typer.echo('note      the plate is in air, and the scene does not say so: [water] type = "none"')
+                say('note      the plate is in air, and the scene does not say so: [water] type = "none"')
     with terminal_progress() as progress:
-        written = analyse_video(
-            video, out, eye=eye, in_air=in_air, overwrite=overwrite, progress=progress, tell=typer.echo
-        )
-    typer.echo("wrote " + "\n      ".join(str(path) for path in written))
+        written = analyse_video(video, out, eye=eye, in_air=in_air, overwrite=overwrite, progress=progress, tell=say)
+    say("wrote " + "\n      ".join(str(path) for path in written))
+    say.end(medium=medium, written=written)
 
 
 def caustics(
@@ -94,6 +96,7 @@ def match(
     ] = None,
     overrides: SetOption = None,
     overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Fit SCENE's sea or water to what its plate shows, and print the changes as --set takes them."""
     from mr360uw.base.files import check_outputs
@@ -112,12 +115,17 @@ def match(
         with open_plate(loaded) as video:
             span = video.numbered_range(*frame_range(frames))
     with terminal_progress() as progress:
-        lines = _caustic_lines(loaded, span, picture, progress) if water is None else _water_lines(loaded, water, span)
-    typer.echo("\n".join(lines))
+        say = Said(as_json)
+        found: object = (
+            _matched_caustics(loaded, span, picture, progress, say)
+            if water is None
+            else _matched_water(loaded, water, span, say)
+        )
+    say.end(found=found)
 
 
-def _water_lines(scene: Scene, patch: str, frames: tuple[int, int] | None) -> list[str]:
-    """Return what a fit of the water to a patch 'yaw,pitch,size' found. frames: [a, b), by default the first."""
+def _matched_water(scene: Scene, patch: str, frames: tuple[int, int] | None, say: Said) -> object:
+    """Return, and say, what a fit of the water to a patch 'yaw,pitch,size' found. frames: [a, b), else the first."""
     import numpy as np
 
     from mr360uw.match import WaterPatch, match_water
@@ -133,11 +141,14 @@ def _water_lines(scene: Scene, patch: str, frames: tuple[int, int] | None) -> li
         f"{name} {np.round(code).astype(int).tolist()}"
         for name, code in (("plate", found.plate_code), ("before", found.before_code), ("after", found.after_code))
     )
-    return [found.sentence, f"code values: {codes}", *(f"--set {change}" for change in found.overrides)]
+    say("\n".join([found.sentence, f"code values: {codes}", *(f"--set {change}" for change in found.overrides)]))
+    return found
 
 
-def _caustic_lines(scene: Scene, frames: tuple[int, int] | None, picture: Path | None, progress: Progress) -> list[str]:
-    """Return what a fit of the sea to the plate's caustics found; write them beside the fitted ones to a picture."""
+def _matched_caustics(
+    scene: Scene, frames: tuple[int, int] | None, picture: Path | None, progress: Progress, say: Said
+) -> object:
+    """Return, and say, what a fit of the sea to the plate's caustics found; write both to a picture."""
     import numpy as np
 
     from mr360uw.base.files import write_whole
@@ -150,7 +161,8 @@ def _caustic_lines(scene: Scene, frames: tuple[int, int] | None, picture: Path |
     if picture is not None and pictures:
         write_whole(picture, encoded(np.concatenate([pictures["floor"], pictures["spectra"]]), ".png"))
         lines.append(f"wrote {picture}")
-    return lines
+    say("\n".join(lines))
+    return found
 
 
 def schema(
@@ -178,20 +190,24 @@ def info(
         Path | None, typer.Option("--report", help="also write what is printed to a text file"), Role.WRITTEN
     ] = None,
     overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Print the renderer, the graphics device, the video codecs and the versions in use."""
+    from mr360uw import __version__
     from mr360uw.base.files import write_whole
+    from mr360uw.errors import package_versions
 
     del overwrite  # the output has been looked at: see `gated`
-    lines, wrong = describe(), False
-    typer.echo(lines)
+    lines, wrong, say = describe(), False, Said(as_json)
+    say(lines)
     if gpu:
         from mr360uw.composite.gl.self_test import report, run_trials
 
         trials = run_trials()
         found = report(trials)
-        typer.echo(found)
+        say(found)
         lines, wrong = f"{lines}\n{found}", any(trial.problem for trial in trials)
+    say.end(version=__version__, packages=package_versions(), wrong=wrong)
     if out is not None:
         write_whole(out, lines + "\n")
     if wrong:

@@ -133,6 +133,10 @@ def test_the_command_converts(tmp_path: Path, run: Callable[..., tuple[int, str,
     np.testing.assert_allclose(read_camera_track(tmp_path / "track.csv").position[1], [0.1, 0.05, -0.2], atol=1e-9)
     assert run("track", "--from", tmp_path / "track.csv", "-o", tmp_path / "out.chan", "--fps", "24")[0] == 0
     np.testing.assert_allclose(np.loadtxt(tmp_path / "out.chan")[1], [3, 0.1, 0.05, -0.2, 0, -90, 0], atol=1e-6)
+    said = run("track", "--from", path, "--fps", "24", "-o", tmp_path / "c.csv", "--json")[1]
+    (track,) = json.loads(said)["tracks"]
+    assert track["kind"] == "moving"
+    assert track["floor"] is None
     code, _, errors = run("track", "--from", path, "--height", "2", "-o", tmp_path / "b.csv")
     assert (code, "leave them out" in errors) == (2, True)
     assert run("track", "-o", tmp_path / "b.csv")[0] == 2
