@@ -37,7 +37,7 @@ from mr360uw.ibl import LightSettings
 from mr360uw.medium import WaterSettings
 from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.spectra import cameras
-from mr360uw.sample.whale import write_whale
+from mr360uw.sample.dive import write_whale
 from mr360uw.scene.model import CameraSettings, Scene, scene_from_dict
 from mr360uw.video.exr import write_exr
 from tests.composite.gltf_files import tube

@@ -35,9 +35,8 @@ from mr360uw.preview.live import (  # noqa: E402
     look,
 )
 from mr360uw.sample import Dive, DiveSettings, sample_dive  # noqa: E402
-from mr360uw.sample.dive import with_noise  # noqa: E402
+from mr360uw.sample.dive import with_noise, write_whale  # noqa: E402
 from mr360uw.sample.dive_settings import PRESETS  # noqa: E402
-from mr360uw.sample.whale import write_whale  # noqa: E402
 from mr360uw.types import Floats  # noqa: E402
 from samples.demo.pictures import VIEW, WIPE, first_view, picture, wiped  # noqa: E402
 

@@ -147,7 +147,7 @@ def gl() -> None:
 @pytest.fixture(scope="session")
 def whale(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The whale of the sample dive, small, coarse and rigid."""
-    from mr360uw.sample.whale import write_whale
+    from mr360uw.sample.dive import write_whale
 
     path = tmp_path_factory.mktemp("whale") / "whale.glb"
     write_whale(path, length_m=2.0, detail="low", swims=False)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from benchmarks.closed.dives import Dive
 from mr360uw.base.rays import RayScene, barycentric
 from mr360uw.base.sphere import yaw_matrix
-from mr360uw.sample.whale import write_whale
+from mr360uw.sample.dive import write_whale
 from mr360uw.types import Floats
 
 _BOX_CELLS = 8

@@ -19,7 +19,7 @@ from scipy.signal import find_peaks
 
 from mr360uw.composite.mesh.mesh import read_mesh_file
 from mr360uw.first_look.observations import look_at_mesh
-from mr360uw.sample.whale import write_whale
+from mr360uw.sample.dive import write_whale
 from mr360uw.types import Floats
 
 LENGTH_M = 13.5
