@@ -76,10 +76,10 @@ def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:
     return Same(plate), scene.camera, scene.water, scene.light, scene.keys, files, wanted
 
 
-def _of_light(scene: Scene, index: int) -> Hashable:
-    """Return what a plate's light depends on but water, depth and floor."""
+def _of_light(plate: VideoReader, scene: Scene, index: int) -> Hashable:
+    """Return what the light of a plate's frame depends on but water, depth and floor; none of it on its size."""
     camera = scene.camera.model_copy(update={"depth_m": 0.0})
-    return scene.plate.model_copy(update={"scale": 1.0}), camera, scene.light, index, scene.water.type == "none"
+    return Same(plate), index, camera, scene.light, scene.match, scene.keys, scene.water.type == "none"
 
 
 def _of_ground(loaded: Loaded) -> Hashable:
@@ -114,10 +114,10 @@ class LivePreview:
         self._cache = Cache(_KINDS)
         self.plates = KeptFrames(self._cache)
         self._last = ClipAnalysis()  # that was measured
-        self._held: tuple[Hashable, FrameLight] | None = None  # the light of the last frame, and what it is of
         # what it depends on, of the scene and of its draft, and what its background depends on besides
         self._clip_keys: tuple[Hashable, ...] = ()
         self._ground_keys: tuple[Hashable, ...] = ()
+        self._held: tuple[Hashable, FrameLight] | None = None  # the plate's light that was found last, and of what
 
     @property
     def made(self) -> Counter[str]:
@@ -143,11 +143,12 @@ class LivePreview:
                 places = patch_frames(scene.match, self.plates.reader(scene))
                 shown = [self.plates.at(scene, place, width) for place in places]
                 analysis = replace(analysis, grade=grade_in_frame(loaded, plate, shown, self._cache))
-            of_light, light = _of_light(loaded.scene, index), None
+            of_light, light = _of_light(self.plates.reader(scene), loaded.scene, index), None
             if holds_light and self._held is not None and self._held[0] == of_light:
                 light = held_light(self._held[1], loaded.at(plate.time_s).surroundings, analysis, plate)
             frame = composite_frame(loaded, analysis, self.backend, plate, 0.0, cache=self._cache, light=light)
-            self._held = self._held if light is not None else None if frame.light is None else (of_light, frame.light)
+            if light is None:
+                self._held = None if frame.light is None else (of_light, frame.light)
             return frame
 
     def measure(self, scene: Scene, progress: Progress | None = None) -> ClipAnalysis:

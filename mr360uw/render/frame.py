@@ -221,8 +221,9 @@ def shown_to_eye(
     shown: dict[str, Any] = {
         "receiver": now.receiver_at(plate.index, plate.time_s, number, eye_m),
         "pattern": plate_pattern(now, background, plate, cache),
-        "unseen": _unseen_in_blocks(plate),
     }
+    if shown["receiver"] is not None:
+        shown["unseen"] = _unseen_in_blocks(plate)
     mask, metres = now.mattes.at(plate.index, number)
     # What the plate's own depth hides is added to the mattes, with what lies beside the edges of it
     if now.plate_depth is not None:
