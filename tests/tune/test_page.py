@@ -39,18 +39,24 @@ _NOTE_CLICKS = """() => document.querySelector('.uw-stage').addEventListener('po
 
 
 class Tab:
-    """A tab of the page. asked: the addresses that it asked for."""
+    """A tab of the page. asked: the addresses that it asked for. shown: numbers of those of them that its stage shows."""
 
     def __init__(self, context: Any, address: str) -> None:
         self.page = context.new_page()
         self.page.set_default_timeout(WAIT_MS)
         self.asked: list[str] = []
+        self.shown: list[int] = []
         self.wrong: list[str] = []
         self._last: tuple[int, bytes] = (-1, b"")  # picture that was fetched last, and its number
-        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.on("request", self._note)
         self.page.on("websocket", lambda socket: self.asked.append(socket.url))
         self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
         self.open(address)
+
+    def _note(self, request: Any) -> None:
+        self.asked.append(request.url)
+        if "/picture/" in request.url and request.resource_type == "fetch":  # thumbnails are images
+            self.shown.append(int(request.url.rsplit("/", 1)[1]))
 
     def open(self, address: str) -> None:
         """Load the page anew."""
@@ -77,8 +83,7 @@ class Tab:
 
     def newest(self) -> int:
         """Return the number of the picture that was asked for last, of whatever state."""
-        small: list[str] = self.page.locator(".uw-strip img").evaluate_all("all => all.map(one => one.src)")
-        return max(int(url.rsplit("/", 1)[1]) for url in self.asked if "/picture/" in url and url not in small)
+        return max(self.shown)
 
     def changed(self, before: bytes) -> None:
         """Wait until the picture is another one."""
