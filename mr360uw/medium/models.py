@@ -128,17 +128,19 @@ class FieldModel:
         """Return the same with fewer orders of light about the sun, see `LightField.up_to_order`."""
         return FieldModel(self.field.up_to_order(most), self.part)
 
-    def around_sun(self, depth_m: float, up: Array, azimuth_rad: Array) -> Array:
-        """Return `inscatter` (r, a, n) of endless rays in directions of y (r,), at azimuths (a,) from the sun's."""
+    def around_sun(self, depth_m: ArrayLike, up: Array, azimuth_rad: Array) -> Array:
+        """Return `inscatter` (..., r, a, n) at depths (...,) of endless rays in directions of y (r,), at azimuths (a,)
+        from the sun's.
+        """
+        depth, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64)[..., None], up)
 
-        def gained(azimuth_rad: float, only: int | Literal["beam"]) -> Array:
-            seen = self.at_azimuth(azimuth_rad, only)
-            return seen._mixed(seen._complement, seen.wide.inscatter, ray_in_water(np.inf, depth_m, up), depth, up)
+        def gained(part: LightField) -> Array:
+            seen = FieldModel(part, self.part)
+            return seen._mixed(seen._complement, seen.wide.inscatter, ray_in_water(np.inf, depth, mu), depth, mu)
 
-        depth = np.full(up.shape, depth_m)
-        whole = np.stack([gained(azimuth, "beam") for azimuth in azimuth_rad], axis=1)
+        whole = gained(self.field.beam_at(azimuth_rad)).reshape(*mu.shape, len(azimuth_rad), -1)
         for order in self.field.azimuth_orders:
-            whole += np.cos(order * azimuth_rad)[:, None] * gained(0.0, order)[:, None]
+            whole += np.cos(order * azimuth_rad)[:, None] * gained(self.field.at_azimuth(0.0, order))[..., None, :]
         return np.maximum(whole, 0.0)
 
     @property

@@ -105,11 +105,12 @@ def sky_parts(sky: Sky) -> tuple[float, float]:
     )
 
 
-def scattered_beam(scatterers: Scatterers, sun_mu: float, mu: Array, azimuth_rad: float | None) -> Array:
+def scattered_beam(scatterers: Scatterers, sun_mu: float, mu: Array, azimuth_rad: float | Array | None) -> Array:
     """Return the light [1/(m sr)] (..., n) that a beam of the sun scatters directly into rays, with its exact angle.
 
     scatterers: with what each kind scatters of the beam [1/m]. sun_mu, mu: y of the directions to the sun and of the
-    rays, at an azimuth from the sun's; None: the mean over it. By less than `_LEAST_TURN_RAD` nothing turns.
+    rays, at an azimuth from the sun's, or several (a,): (..., a, n); None: the mean over it. By less than
+    `_LEAST_TURN_RAD` nothing turns.
     """
     kinds, amount = scatterers
     across = np.sqrt(np.maximum(1.0 - mu * mu, 0.0) * max(1.0 - sun_mu**2, 0.0))
@@ -143,7 +144,8 @@ class RayField:
     floor_m, floor: depth and radiance (n,) of a Lambert floor; infinity: none.
     of_beam: function of mu and azimuth_rad, the light that the sun's beam, the last mode of all, scatters directly into
     rays (`scattered_beam`); None: no beam.
-    azimuth_rad: of the rays, from the sun's; None: the mean over it.
+    azimuth_rad: of the rays, from the sun's; None: the mean over it. Of several (a,) there is no source but the beam,
+    and n stands for the wavelengths of one after those of the other.
     """
 
     extinction: Array
@@ -155,8 +157,8 @@ class RayField:
     index: float
     floor_m: float
     floor: Array
-    of_beam: Callable[[Array, float | None], Array] | None = None
-    azimuth_rad: float | None = None
+    of_beam: Callable[[Array, float | Array | None], Array] | None = None
+    azimuth_rad: float | Array | None = None
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) scattered into camera rays (...,), cut at the surface.
@@ -223,15 +225,18 @@ class RayField:
 
     def _source_modes(self, mu: Array) -> Array:
         """Return the source (..., n, j) of every mode in directions mu, where it has its amount."""
-        azimuth = 0.0 if self.azimuth_rad is None else self.azimuth_rad
-        modes = [
-            np.cos(order * azimuth)
-            * np.tensordot(legendre_polynomials(mu, source.shape[1], order), source, axes=(-1, 1))
-            for order, source in self.source.items()
-        ]
+        azimuth, modes, end = (
+            0.0 if self.azimuth_rad is None else self.azimuth_rad,
+            np.zeros((len(mu), *self.rate.shape)),
+            0,
+        )
+        for order, source in self.source.items():
+            legendre = legendre_polynomials(mu, source.shape[1], order)
+            start, end = end, end + source.shape[2]
+            modes[..., start:end] = np.cos(order * azimuth) * np.tensordot(legendre, source, axes=(-1, 1))
         if self.of_beam is not None:
-            modes[-1][..., -1] += self.of_beam(mu, self.azimuth_rad)
-        return np.concatenate(modes, axis=-1)
+            modes[..., -1] += self.of_beam(mu, self.azimuth_rad).reshape(len(mu), -1)
+        return modes
 
 
 def at_surface(mu: Array, sky: Array, shape: SkyShape, index: float, rising: Array) -> Array:
@@ -380,7 +385,8 @@ class Ordinates:
 
     def _coupling(self, kept: NDArray[np.bool_]) -> Array:
         """Return what streams lose less what they get from each other, (n, i, i); symmetric, positive definite."""
-        scattered = np.einsum("il,nl,jl->nij", self.legendre, self._moments * kept, self.legendre)
+        legendre = self.legendre[:, kept]
+        scattered = (legendre * self._moments[:, None, kept]) @ legendre.T
         scattered = self._scale[:, None] * scattered * self._scale
         lost = self._extinction[:, None] / self._mu
         albedo = self._moments[:, :1] / self._extinction[:, None]
@@ -394,9 +400,8 @@ class Ordinates:
 
     def moments(self, modes: Modes) -> Array:
         """Return the moments (n, l, j) of modes: their light over all directions, by degrees of Legendre functions."""
-        of_degree = self._weight[:, None] * self.legendre
-        down, up = (np.einsum("il,nij->nlj", of_degree, light) for light in (modes.down, modes.up))
-        return np.asarray(down + self.parity[:, None] * up)
+        of_degree = (self._weight[:, None] * self.legendre).T
+        return np.asarray(of_degree @ modes.down + self.parity[:, None] * (of_degree @ modes.up))
 
     @functools.cached_property
     def free(self) -> Modes:

@@ -335,20 +335,20 @@ def around_sun(medium: Medium) -> Array | None:
     if medium.floor_m is not None:
         below = max(min(below, medium.floor_m), medium.camera_depth_m)
     share = np.log(medium.camera_depth_m / above) / np.log(below / above) if below > above else 0.0
-    upper, lower = (_at_depth(model, lobes, depth_m) for depth_m in (above, below))
+    upper, lower = _at_depths(model, lobes, (above, below))
     return upper + share * (lower - upper)
 
 
 @shared(keep=64)
-def _at_depth(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
+def _at_depths(model: FieldModel, lobes: bytes, depths_m: tuple[float, ...]) -> Array:
     weights = np.frombuffer(lobes).reshape(-1, 3)
 
     def ratio() -> dict[str, Array]:
         with one_blas_thread():
-            light = model.around_sun(depth_m, row_up(ROWS), AZIMUTHS) @ weights
+            light = model.around_sun(depths_m, row_up(ROWS), AZIMUTHS) @ weights
         return {"ratio": _over_mean(light)}
 
-    return np.asarray(kept_arrays("around", (depth_m, weights, *model.inputs), ratio)["ratio"])
+    return np.asarray(kept_arrays("around", (*depths_m, weights, *model.inputs), ratio)["ratio"])
 
 
 @shared(keep=64)
@@ -362,12 +362,12 @@ def _roughly(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
 
 
 def _over_mean(light: Array) -> Array:
-    """Return light (r, a, 3) over its mean over the azimuths; 1 in a channel without light."""
+    """Return light (..., a, 3) over its mean over the azimuths; 1 in a channel without light."""
     gap, (_, bent) = np.diff(AZIMUTHS), _spline()
     weight = 0.5 * (np.append(gap, 0.0) + np.append(0.0, gap))  # of each node in the mean of straight lines between
     cubes = np.append(gap**3, 0.0) + np.append(0.0, gap**3)
     share = (weight - cubes @ bent / 24.0) / PI
-    mean = np.einsum("a,rak->rk", share, light)[:, None]
+    mean = (share @ light)[..., None, :]
     return np.divide(light, mean, out=np.ones(light.shape), where=mean > _NO_LIGHT)
 
 

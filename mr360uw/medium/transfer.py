@@ -68,13 +68,6 @@ class _Component:
     modes: Modes
     moments: Array
 
-    @property
-    def of_beam(self) -> _Component:
-        """The mode of the sun's beam without any light."""
-        m = self.modes
-        last = Modes(m.rate[:, -1:], m.origin_m[-1:], 0.0 * m.down[..., -1:], 0.0 * m.up[..., -1:])
-        return _Component(last, 0.0 * self.moments[..., -1:])
-
     def over(self, divisor: Array) -> _Component:
         """Return it divided by (n,)."""
         return _Component(self.modes.times(1.0 / divisor[:, None]), self.moments / divisor[:, None, None])
@@ -172,7 +165,8 @@ class LightField:
         passed = 2.0 * PI * np.sum(w * mu * entering)
         of_sky, beam = 1.0 - sun_share - self._shining, np.full(len(self.absorption), sun_share / sun_mu)
         self.sun_mu = sun_mu
-        self._azimuth_rad: float | None = None
+        self._azimuth_rad: float | Array | None = None
+        self._azimuths = 1
         self._only: int | Literal["beam"] | None = None
         self._most_orders = self._chi.shape[1] - 1
         self.ordinates = self._ordinates(0)
@@ -261,11 +255,21 @@ class LightField:
         exactly; what was scattered before has the `azimuth_orders`. only: one of the parts that add up to the whole: an
         order m of them, or what the beam scatters directly.
         """
+        return self._part(float(azimuth_rad), only)
+
+    def beam_at(self, azimuth_rad: Array) -> LightField:
+        """Return what the beam scatters directly at azimuths (a,) from the sun's, in place of n wavelengths those of
+        one azimuth after those of the other.
+        """
+        return self._part(azimuth_rad, "beam")
+
+    def _part(self, azimuth_rad: float | Array, only: int | Literal["beam"] | None) -> LightField:
+        """Return the same light, of which a part is seen."""
         _ = self._around  # for all azimuths
         other = copy.copy(self)
         for of_azimuth in ("rays", "_floor_radiance"):
             other.__dict__.pop(of_azimuth, None)
-        other._azimuth_rad, other._only = float(azimuth_rad), only
+        other._azimuth_rad, other._azimuths, other._only = azimuth_rad, np.size(azimuth_rad), only
         return other
 
     @property
@@ -273,9 +277,7 @@ class LightField:
         """The light of the orders that are seen."""
         if self._azimuth_rad is None:
             return {0: self._even}
-        if self._only == "beam":
-            return {0: self._even.of_beam}
-        return self._around if self._only is None else {self._only: self._around[self._only]}
+        return {m: light for m, light in self._around.items() if self._only in (None, m)}
 
     @functools.cached_property
     def rays(self) -> RayField:
@@ -292,13 +294,20 @@ class LightField:
         factor = 0.5 * (2 * np.arange(moments.shape[1]) + 1) * moments * self.scattering[:, None]
         kinds, shares = scatterers
         of_beam = functools.partial(scattered_beam, (kinds, shares * self.scattering * self.beam), self.sun_mu)
-        shown = self._shown
+        # All that is seen, as modes; of the beam alone the last of them, without light
+        shown, last = self._shown, self._even.modes
+        rates, origins = (
+            [light.modes.rate for light in shown.values()],
+            [light.modes.origin_m for light in shown.values()],
+        )
+        if not shown:
+            rates, origins = [np.tile(last.rate[:, -1:], (self._azimuths, 1))], [last.origin_m[-1:]]
         return RayField(
-            extinction=self.absorption + self.scattering * moments[:, 0],
-            rate=np.concatenate([light.modes.rate for light in shown.values()], axis=1),
-            origin_m=np.concatenate([light.modes.origin_m for light in shown.values()]),
+            extinction=np.tile(self.absorption + self.scattering * moments[:, 0], self._azimuths),
+            rate=np.concatenate(rates, axis=1),
+            origin_m=np.concatenate(origins),
             source={order: factor[..., None] * light.moments for order, light in shown.items()},
-            sky=self.sky_radiance if self._only in (None, 0) else 0.0 * self.sky_radiance,
+            sky=self.sky_radiance if self._only in (None, 0) else np.zeros(self._azimuths * len(self.absorption)),
             shape=self.shape,
             index=self.refractive_index,
             floor_m=self._floor_m,
@@ -311,7 +320,7 @@ class LightField:
     def _floor_radiance(self) -> Array:
         """Radiance (n,) of the floor, 0 without."""
         if np.isinf(self._floor_m) or self._only not in (None, 0):
-            return np.zeros(len(self.absorption))
+            return np.zeros(self._azimuths * len(self.absorption))
         return np.asarray(self._shining + self._albedo / PI * self.irradiance(self._floor_m, 1.0))
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
@@ -445,14 +454,13 @@ class LightField:
         normals, place = np.unique(normal, return_inverse=True)  # tables ask for few normals at many depths
         down = cosine_kernel(self.mu, normals[:, None]) * self.weight
         up = cosine_kernel(-self.mu, normals[:, None]) * self.weight
-        modes = np.einsum("pi,nij->pnj", down, self._even.modes.down)
-        modes += np.einsum("pi,nij->pnj", up, self._even.modes.up)
+        modes = down @ self._even.modes.down + up @ self._even.modes.up
         depths, at = np.unique(y, return_inverse=True)
         place, at, fall = place.ravel(), at.ravel(), self._fall(depths)
         diffuse = np.empty((y.size, len(self.absorption)))
         for number in range(len(normals)):
             of = np.flatnonzero(place == number)
-            diffuse[of] = np.einsum("nj,ynj->yn", modes[number], fall[at[of]])
+            diffuse[of] = np.einsum("nj,ynj->yn", modes[:, number], fall[at[of]])
         diffuse = diffuse.reshape(*y.shape, len(self.absorption))
         direct = cosine_kernel(np.array(self.sun_mu), normal)[..., None] / (2.0 * PI)
         return diffuse + self.beam * direct * np.exp(-self.faded / self.sun_mu * (y - self._top_m)[..., None])
