@@ -375,7 +375,7 @@ def _free(
     begin, across, at_once = foot[0][chosen], foot[1][chosen], max(_RAYS_AT_ONCE // max(len(chosen), 1), 1)
     for first in range(0, len(places), at_once):
         some, number = places[first : first + at_once], directions[first : first + at_once]
-        begins = begin + np.einsum("rp,mpk->rmk", some, across)
+        begins = begin + np.tensordot(some, across, axes=(1, 1))
         free = passed(np.repeat(number, len(chosen)), begins.reshape(-1, 3), np.tile(chosen, len(some)))
         seen += free.reshape(len(some), -1).sum(axis=0)
     return seen

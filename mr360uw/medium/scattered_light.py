@@ -405,7 +405,7 @@ def placed(ratio: Array, sun: Floats) -> Array:
     weight = a[:, None] * nodes[before] + b[:, None] * nodes[before + 1]
     for part, node in ((a, before), (b, before + 1)):
         weight += ((part**3 - part) * h * h / 6.0)[:, None] * bent[node]
-    return np.maximum(np.einsum("ca,rak->rck", weight, ratio), 0.0)
+    return np.maximum(weight @ ratio, 0.0)
 
 
 def typical_level(around: Array) -> Array:

@@ -666,9 +666,11 @@ def _sides(
 
 def _cosines(lattice: Lattice) -> NDArray[np.float32]:
     """Return the irradiance [sr] (S, COUNT) that each direction's radiance adds to samples."""
-    cosine = np.maximum(lattice.normal @ directions().T, 0.0) * SOLID_ANGLE
+    cosine = lattice.normal.astype(np.float32) @ directions().T.astype(np.float32)
+    np.maximum(cosine, 0.0, out=cosine)
     # their sum is that of the integral, so that uniform light stays uniform
-    return np.asarray(cosine * (np.pi / cosine.sum(axis=1, keepdims=True)), np.float32)
+    cosine *= np.pi / cosine.sum(axis=1, keepdims=True)
+    return cosine
 
 
 def _without_buried_samples(
