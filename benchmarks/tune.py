@@ -3,8 +3,8 @@
 
 Sections: start (from the command to a page that can be used), controls (from a move to the new picture, at 1024 x 512:
 a table of all controls that a scene of `mr360uw new` shows first, or of the keys that are named), scrub (from a step of
-the play head to the new picture, at 3840 x 1920). Browser
-and server share the machine.
+the play head to the new picture, at 3840 x 1920), playback (frames a second of a clip that is played, in the first
+and the second loop, at 1024 x 512). Browser and server share the machine.
 """
 
 from __future__ import annotations
@@ -209,7 +209,35 @@ def scrub(folder: Path) -> None:
         median_line(f"scrubbing, {len(times)} steps", times, (250.0, 1000.0))
 
 
-SECTIONS = {"start": start, "controls": controls, "scrub": scrub}
+PLAYED = """(loops) => new Promise((done) => {
+  const [strip, told] = [document.querySelector(".uw-strip"), []];
+  let [last, began, pictures] = [0, performance.now(), 0];
+  const count = (list) => { pictures += list.getEntries().filter((one) => one.name.includes("/picture/")).length; };
+  new PerformanceObserver(count).observe({ entryTypes: ["resource"] });
+  new MutationObserver(() => {
+    const [now, time] = [Number(strip.getAttribute("aria-valuenow")), performance.now()];
+    if (now < last) {
+      told.push([pictures, (time - began) / 1000]);
+      [began, pictures] = [time, 0];
+      if (told.length === loops) done(told);
+    }
+    last = now;
+  }).observe(strip, { attributes: true });
+  document.querySelector("[aria-label='Play']").click();
+})"""
+"""Plays; pictures that came in each loop over the clip, and its seconds."""
+
+
+def playback(folder: Path) -> None:
+    """Print the frames a second of loops over a clip that plays."""
+    dive = sample_dive(folder / "playback", width=1024, frames=48)
+    with tuned(dive.scene) as (page, *_):
+        rest(page)
+        for loop, (pictures, seconds) in enumerate(page.evaluate(PLAYED, 3), 1):
+            print(f"loop {loop}: {pictures} pictures in {seconds:.1f} s: {pictures / seconds:.1f} a second (24 wanted)")
+
+
+SECTIONS = {"start": start, "controls": controls, "scrub": scrub, "playback": playback}
 
 
 def main() -> None:

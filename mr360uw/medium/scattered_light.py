@@ -196,7 +196,7 @@ def _lights(
         of_sky = medium.light.display(_three(medium.model, depth_m))
         if isinstance(sky, tuple):  # what is typical of the azimuths, as the gain is
             coarse = min(max(round(sky[1] / _COARSE), 1) * _COARSE, 1.0)
-            if (around := around_sun(medium.under(("sun", coarse, 1.0)))) is not None:
+            if (around := around_sun(medium.under(("sun", coarse, 1.0)), level=True)) is not None:
                 of_sky[0] *= typical_level(placed(around, np.array([1.0, 0.0, 0.0])))
         if floor_m is not None:
             of_floor = _three(medium.under("floor").model, depth_m) @ medium.floor_lobes
@@ -308,6 +308,8 @@ def beam_spread(phase: Phase, scattering: float) -> BeamSpread:
 
 _NO_LIGHT = 1e-300
 """Mean radiance up to which there is no light to take a ratio to."""
+_HORIZON = slice(ROWS // 2 - 1, ROWS // 2 + 1)
+"""The two rows at the horizon."""
 AZIMUTHS = PI * np.linspace(0.0, 1.0, 25) ** 1.5
 """Azimuths from the sun's [rad] that the ratio is computed at: dense about the sun."""
 _EVERY, _FEWEST = 4, 4
@@ -320,8 +322,11 @@ _ROUGH_AZIMUTHS, _ROUGH_ORDERS = PI * np.linspace(0.0, 1.0, 13) ** 1.5, 4
 less than 1 %; in clear water within degrees of the sun by more."""
 
 
-def around_sun(medium: Medium) -> Array | None:
-    """Return the ratio R (ROWS, len(AZIMUTHS), 3) at a medium's camera; None where its light has no sun."""
+def around_sun(medium: Medium, *, level: bool = False) -> Array | None:
+    """Return the ratio R (ROWS, len(AZIMUTHS), 3) at a medium's camera; None where its light has no sun.
+
+    level: of the two rows at the horizon alone.
+    """
     if not isinstance(medium.model, FieldModel) or not isinstance(medium.sky, tuple):
         return None
     every = min(_EVERY, max(len(medium.bands.wavelength_nm) // _FEWEST, 1))
@@ -329,34 +334,35 @@ def around_sun(medium: Medium) -> Array | None:
     lobes = medium.bands.lobes[::every].tobytes()
     assert isinstance(model, FieldModel)
     if medium.rough:
-        return _roughly(model, lobes, medium.camera_depth_m)
+        return _roughly(model, lobes, medium.camera_depth_m, level)
     step = int(np.floor(np.log(medium.camera_depth_m) / np.log(_DEPTH_RATIO)))
     above, below = _DEPTH_RATIO**step, _DEPTH_RATIO ** (step + 1)
     if medium.floor_m is not None:
         below = max(min(below, medium.floor_m), medium.camera_depth_m)
     share = np.log(medium.camera_depth_m / above) / np.log(below / above) if below > above else 0.0
-    upper, lower = _at_depths(model, lobes, (above, below))
+    upper, lower = _at_depths(model, lobes, (above, below), level)
     return upper + share * (lower - upper)
 
 
 @shared(keep=64)
-def _at_depths(model: FieldModel, lobes: bytes, depths_m: tuple[float, ...]) -> Array:
-    weights = np.frombuffer(lobes).reshape(-1, 3)
+def _at_depths(model: FieldModel, lobes: bytes, depths_m: tuple[float, ...], level: bool) -> Array:
+    weights, up = np.frombuffer(lobes).reshape(-1, 3), row_up(ROWS)[_HORIZON if level else ...]
 
     def ratio() -> dict[str, Array]:
         with one_blas_thread():
-            light = model.around_sun(depths_m, row_up(ROWS), AZIMUTHS) @ weights
+            light = model.around_sun(depths_m, up, AZIMUTHS) @ weights
         return {"ratio": _over_mean(light)}
 
-    return np.asarray(kept_arrays("around", (*depths_m, weights, *model.inputs), ratio)["ratio"])
+    return np.asarray(kept_arrays("around", (*depths_m, up, weights, *model.inputs), ratio)["ratio"])
 
 
 @shared(keep=64)
-def _roughly(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
+def _roughly(model: FieldModel, lobes: bytes, depth_m: float, level: bool) -> Array:
     from scipy.interpolate import PchipInterpolator
 
+    up = row_up(ROWS)[_HORIZON if level else ...]
     with one_blas_thread():
-        few = model.up_to_order(_ROUGH_ORDERS).around_sun(depth_m, row_up(ROWS), _ROUGH_AZIMUTHS)
+        few = model.up_to_order(_ROUGH_ORDERS).around_sun(depth_m, up, _ROUGH_AZIMUTHS)
     light = PchipInterpolator(_ROUGH_AZIMUTHS, few @ np.frombuffer(lobes).reshape(-1, 3), axis=1)(AZIMUTHS)
     return _over_mean(light)
 
@@ -389,7 +395,7 @@ def _spline() -> tuple[Array, Array]:
 
 
 def placed(ratio: Array, sun: Floats) -> Array:
-    """Return a ratio R (ROWS, a, 3) as an equirectangular map (ROWS, COLUMNS, 3).
+    """Return a ratio R (rows, a, 3) as an equirectangular map (rows, COLUMNS, 3).
 
     sun: (3,) direction towards it in the map's axes.
     """
@@ -410,5 +416,6 @@ def placed(ratio: Array, sun: Floats) -> Array:
 
 def typical_level(around: Array) -> Array:
     """Return what is typical (3,) of a map R at the horizon, from where a gain is fitted to a plate (`fit_level`)."""
-    level = around[ROWS // 2 - 1 : ROWS // 2 + 1].mean(axis=0)
+    middle = len(around) // 2
+    level = around[middle - 1 : middle + 1].mean(axis=0)
     return typical(level, np.ones(COLUMNS), MIDDLE)

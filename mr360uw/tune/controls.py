@@ -142,7 +142,7 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
     def __init__(self, count: int, rate: float) -> None:
         super().__init__()
         self._serial, self._heard = 0, 0
-        self._props.update({"count": count, "rate": rate, "thumbnails": [], "curve": None})
+        self._props.update({"count": count, "rate": rate, "thumbnails": [], "played": [], "curve": None})
         self.set_frame(0)
         self.set_range(0, count)
         self.classes("w-full")
@@ -162,6 +162,15 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
         self._props["thumbnails"] = [{"frame": frame, "url": url} for frame, url in urls.items()]
         self.update()
 
+    def set_played(self, frames: Sequence[int]) -> None:
+        """Set the frames, ascending, that are shown at once; while playing, the head waits for others."""
+        ends = [k for k in range(len(frames)) if k + 1 == len(frames) or frames[k + 1] != frames[k] + 1]
+        starts = [0, *(k + 1 for k in ends[:-1])]
+        parts = [[frames[a], frames[b] + 1] for a, b in zip(starts, ends, strict=False)]
+        if parts != self._props["played"]:
+            self._props["played"] = parts
+            self.update()
+
     def set_curve(self, curve: dict[str, Any] | None) -> None:
         """Show the keys of a parameter below the strip; None: none.
 
@@ -172,12 +181,12 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
 
     # --- events
 
-    def on_seek(self, handler: Callable[[int, bool], Any]) -> None:
-        """Call a handler when the play head moves, at most 17 times a second and where it comes to rest.
+    def on_seek(self, handler: Callable[[int, str], Any]) -> None:
+        """Call a handler when the play head moves; dragged, at most 17 times a second and where it comes to rest.
 
-        It gets the frame, and whether the head is on its way, dragged or playing, so that a draft will do.
+        It gets the frame, and how the head moves: "scrub", dragged, so that a draft will do; "play"; or "", set.
         """
-        self.on("seek", lambda event: handler(event.args["frame"], event.args["scrubbing"]))
+        self.on("seek", lambda event: handler(event.args["frame"], event.args["how"]))
 
     def on_play(self, handler: Callable[[bool], Any]) -> None:
         """Call a handler when playing begins (True) and ends; the element itself moves the head in real time."""

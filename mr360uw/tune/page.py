@@ -59,7 +59,7 @@ class TunePage:
                 self.controls.refresh, self.header.refresh, self.stage.expect, self.render.refresh, self.time.refresh,
                 self.place.refresh,
             ),
-            "picture": (self.stage.show, self._begin),
+            "picture": (self.stage.show, self.time.show_played, self._begin),
             "time": (self.stage.expect, self.time.follow, self.place.refresh, self.controls.refresh),
             "run": (self.render.refresh,),
             "thumbnails": (self.time.show_thumbnails,),
@@ -217,7 +217,7 @@ class TimePanel:
             self._line = Timeline(session.frame_count, float(clip.frame_rate))
             with ui.element("div").classes("foot-bar") as self._bar:
                 self._choice = Choice("Keyed parameter", {"": "no curve"}, "", self.choose)
-        self._line.on_seek(lambda frame, scrubbing: session.seek(frame, scrubbing=scrubbing))
+        self._line.on_seek(lambda frame, how: session.seek(frame, scrubbing=how == "scrub", playing=how == "play"))
         self._line.on_play(lambda playing: setattr(self, "_playing", playing))
         self._line.on_range(session.set_range)
         self._line.on_keys(self._edited)
@@ -299,6 +299,10 @@ class TimePanel:
         finally:
             self._drag += done
             self.refresh()
+
+    def show_played(self) -> None:
+        """Show which frames play at once."""
+        self._line.set_played(self._session.pictures.played())
 
     def show_thumbnails(self) -> None:
         """Show the small pictures of the plate that there are."""

@@ -124,6 +124,8 @@ _QUICK_S = 0.1
 """Full pictures that take less [s] need no draft before them; at the end of a drag those that take twice as long."""
 _KEPT = 48
 """Pictures that browsers may still fetch, of up to 1 MB."""
+_PLAYED_BYTES = 1 << 28
+"""Bytes of frames that are kept for playing: a minute and more at 1024 x 512."""
 
 T = TypeVar("T")
 
@@ -142,15 +144,41 @@ class Pictures:
         self._stored: dict[int, bytes] = {}
         self._count = 0
         self._full_s = 1.0
-        self._settled = True
+        self._settled, self._whole = True, False
+        self._played: OrderedDict[int, MadePicture] = OrderedDict()  # full pictures of the present state, by frame
+        # Of the picture that is being made: whether nothing but the frame has changed since, and whether one that was
+        # kept is shown instead
+        self._same, self._passed = True, False
         self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
         self._thread.start()
 
-    def want(self, wanted: Wanted, *, moving: bool = False) -> None:
-        """Ask for a picture, in place of one that was asked for and not begun. moving: others are likely to follow."""
+    def want(self, wanted: Wanted, *, moving: bool = False, seen: bool = False, playing: bool = False) -> None:
+        """Ask for a picture, in place of one that was asked for and not begun. moving: others are likely to follow.
+
+        seen: whether nothing but the frame has changed since the last one, so that frames made before may be shown
+        again. playing: without a draft before it.
+        """
         with self._changed:
-            self._wanted, self._settled = wanted, not moving
+            if not seen:
+                self._forget()
+            made = self._played.get(wanted.index)
+            self._wanted, self._settled, self._whole = None if made else wanted, not moving, playing
+            self._passed = self._passed or made is not None
             self._changed.notify()
+        if made is not None:
+            self._publish(replace(made, wanted=wanted))
+
+    def _forget(self) -> None:
+        """Let go of the frames that were kept for playing."""
+        for made in self._played.values():
+            self._stored.pop(made.number, None)
+        self._played.clear()
+        self._same = False
+
+    def played(self) -> list[int]:
+        """Return the frames, ascending, that are shown at once."""
+        with self._changed:
+            return sorted(self._played)
 
     def settle(self) -> None:
         """Say that no other picture is likely to follow: the full one need not wait."""
@@ -205,7 +233,7 @@ class Pictures:
                 if self._urgent or self._wanted is None:
                     job = (self._urgent or self._jobs).popleft()
                 else:
-                    wanted, self._wanted = self._wanted, None
+                    wanted, self._wanted, self._same, self._passed = self._wanted, None, True, False
             try:
                 renderer = renderer or self._make()
                 if job is not None:
@@ -225,7 +253,7 @@ class Pictures:
 
     def _serve(self, renderer: PageRenderer, wanted: Wanted) -> None:
         """Make the draft and, at rest, the full picture, unless another is asked for meanwhile."""
-        quick = wanted.full and self._full_s <= (2.0 if self._settled else 1.0) * _QUICK_S
+        quick = wanted.full and (self._whole or self._full_s <= (2.0 if self._settled else 1.0) * _QUICK_S)
         if quick or (self._draft(renderer, wanted) and wanted.full and not self._rest(renderer)):
             self._one(renderer, wanted, draft=False)
 
@@ -246,8 +274,9 @@ class Pictures:
                 self._changed.wait_for(
                     lambda: self._wanted or self._urgent or self._closed or self._settled, timeout=REST_S
                 )
-                if self._wanted is not None or self._closed or not self._urgent:
-                    return self._wanted is not None or self._closed
+                other = self._wanted is not None or self._passed or self._closed
+                if other or not self._urgent:
+                    return other
                 job = self._urgent.popleft()
             _run_job(job, renderer)
 
@@ -258,7 +287,21 @@ class Pictures:
         seconds = time.perf_counter() - start
         self._full_s = self._full_s if draft else seconds
         made = replace(drawn, wanted=wanted, draft=draft, stand_in=index is not None, seconds=seconds)
-        self._publish(self._numbered(made))
+        made = self._numbered(made)
+        if not draft:
+            self._keep(made)
+        if not self._passed:
+            self._publish(made)
+
+    def _keep(self, made: MadePicture) -> None:
+        """Keep a full picture for playing, in place of the oldest ones where there is no room."""
+        with self._changed:
+            if not self._same:
+                return
+            self._played[made.wanted.index], self._stored[made.number] = made, made.data
+            while sum(len(one.data) for one in self._played.values()) > _PLAYED_BYTES:
+                _, oldest = self._played.popitem(last=False)
+                del self._stored[oldest.number]
 
     def _numbered(self, picture: MadePicture) -> MadePicture:
         with self._changed:

@@ -145,12 +145,15 @@ class Session(Observed):
         """Say that a drag has ended: the picture at full size need not wait for other changes."""
         self.pictures.settle()
 
-    def seek(self, index: int, *, scrubbing: bool = False) -> None:
-        """Show another frame of the clip, the nearest there is. scrubbing: more will follow, and a draft will do."""
+    def seek(self, index: int, *, scrubbing: bool = False, playing: bool = False) -> None:
+        """Show another frame of the clip, the nearest there is; at once where it was made before, and is as it was.
+
+        scrubbing: more will follow, and a draft will do. playing: the next is asked for once this one is there.
+        """
         index = min(max(index, 0), self.frame_count - 1)
         moved, self.index = index != self.index, index
         if moved or (not scrubbing and self.behind):
-            self.show(full=not scrubbing)
+            self.pictures.want(self._wanted(full=not scrubbing), seen=True, playing=playing)
         if moved:
             self._tell("time")
 

@@ -6,7 +6,7 @@ import { Throttle } from "mr360uw-tune/throttle.js";
 import { short, ticks } from "mr360uw-tune/ticks.js";
 import { template } from "mr360uw-tune/timeline_template.js";
 
-const SEEK_MS = 60; // least time between two events while the head moves
+const SEEK_MS = 60; // least time between two events while the head is dragged
 const KEYS_MS = 100; // and between two while a key is dragged
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
@@ -19,6 +19,7 @@ export default {
     at: Object, // { frame, serial, after } of the play head
     range: Object, // { start, stop, serial, after }: first frame, and the one after the last
     thumbnails: { type: Array, default: () => [] }, // { frame, url }
+    played: { type: Array, default: () => [] }, // [first, the one after the last] of frames that are shown at once
     curve: Object, // { label, unit, low, high, keys: [[s, value]], interpolation, samples: [[s, value]] } or null; serial, after
   },
   emits: ["seek", "play", "range", "keys"],
@@ -138,16 +139,19 @@ export default {
     },
 
     // --- play head
-    seek(frame, scrubbing = false) {
+    seek(frame, how = "") {
       const at = clamp(Math.round(frame), 0, this.count - 1);
-      if (at === this.frame && scrubbing) return;
+      if (at === this.frame && how) return;
       this.frame = at;
-      const told = this.numbered({ frame: at, time_s: at / this.rate, scrubbing });
-      if (scrubbing) this.events.later("seek", SEEK_MS, told);
+      const told = this.numbered({ frame: at, time_s: at / this.rate, how });
+      if (how === "scrub") this.events.later("seek", SEEK_MS, told);
       else this.events.now("seek", told);
     },
     rest() {
-      this.events.now("seek", this.numbered({ frame: this.frame, time_s: this.frame / this.rate, scrubbing: false }));
+      this.seek(this.frame);
+    },
+    isPlayed(frame) {
+      return this.played.some(([from, to]) => from <= frame && frame < to);
     },
     play(playing) {
       this.playing = playing;
@@ -160,12 +164,15 @@ export default {
       if (this.frame < this.start || this.frame >= this.stop - 1) this.frame = this.start;
       let before = performance.now();
       let at = this.frame;
+      this.events.now("seek", this.numbered({ frame: at, time_s: at / this.rate, how: "play" }));
       const step = (time) => {
-        at += ((time - before) / 1000) * this.rate;
+        // the clip's rate, but no frame is passed by that was not made yet
+        if (this.isPlayed(this.frame)) at += ((time - before) / 1000) * this.rate;
+        if (!this.isPlayed(Math.floor(at))) at = Math.min(at, this.frame + 1);
         before = time;
         const length = Math.max(this.stop - this.start, 1);
         if (at >= this.stop) at = this.start + ((at - this.start) % length);
-        this.seek(Math.floor(at), true);
+        this.seek(Math.floor(at), "play");
         this.beat = requestAnimationFrame(step);
       };
       this.beat = requestAnimationFrame(step);
@@ -179,10 +186,10 @@ export default {
       if (this.playing) this.play(false);
       this.$refs.strip.setPointerCapture(event.pointerId);
       this.scrubbing = true;
-      this.seek(Math.floor(this.frameAt(event)), true);
+      this.seek(Math.floor(this.frameAt(event)), "scrub");
     },
     scrubMove(event) {
-      if (this.scrubbing) this.seek(Math.floor(this.frameAt(event)), true);
+      if (this.scrubbing) this.seek(Math.floor(this.frameAt(event)), "scrub");
     },
     scrubEnd() {
       if (!this.scrubbing) return;

@@ -39,7 +39,7 @@ _NOTE_CLICKS = """() => document.querySelector('.uw-stage').addEventListener('po
 
 
 class Tab:
-    """A tab of the page. asked: the addresses that it asked for. shown: numbers of those of them that its stage shows."""
+    """A tab of the page. asked: the addresses that it asked for. shown: numbers of the pictures of its stage."""
 
     def __init__(self, context: Any, address: str) -> None:
         self.page = context.new_page()

@@ -115,7 +115,53 @@ def test_the_nearest_keyframe_stands_in_for_a_frame_that_comes_late(studio: Stud
     assert [studio.next() for _ in range(3)] == [(2, True), (3, True), (3, False)]
 
 
-def test_playing_makes_drafts_only(studio: Studio) -> None:
+def frame(index: int) -> Wanted:
+    return Wanted(Scene(plate="plate.png"), 1, index, "composite", 512)
+
+
+def test_frames_that_were_made_are_shown_again_until_anything_else_changes(studio: Studio) -> None:
+    studio.gate.release(9)
+    for index in (0, 1):
+        studio.pictures.want(frame(index), seen=True, playing=True)
+        assert not studio.made.get(timeout=WAIT_S).draft
+    assert studio.pictures.played() == [0, 1]
+    for _ in range(2):  # the second loop
+        for index in (0, 1):
+            studio.pictures.want(frame(index), seen=True, playing=True)
+            again = studio.made.get(timeout=WAIT_S)
+            assert (again.wanted.index, studio.pictures.get(again.number)) == (index, again.data)
+    assert studio.begun.qsize() == 2
+    studio.pictures.want(frame(1))
+    assert studio.made.get(timeout=WAIT_S).draft
+    assert studio.made.get(timeout=WAIT_S).number > again.number
+    assert studio.pictures.played() == [1]
+
+
+def test_a_picture_that_comes_late_does_not_hide_the_one_that_was_kept(studio: Studio) -> None:
+    studio.gate.release(1)
+    studio.pictures.want(frame(0), seen=True, playing=True)
+    studio.made.get(timeout=WAIT_S)
+    studio.pictures.want(frame(1), seen=True, playing=True)
+    for _ in range(2):
+        studio.begun.get(timeout=WAIT_S)
+    studio.pictures.want(frame(0), seen=True)
+    assert studio.made.get(timeout=WAIT_S).wanted.index == 0
+    studio.gate.release(1)
+    assert studio.pictures.ask(lambda _: studio.made.qsize()).result(WAIT_S) == 0
+    assert studio.pictures.played() == [0, 1]
+
+
+def test_what_is_kept_for_playing_is_bounded(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "_PLAYED_BYTES", 2)  # each of these has one
+    studio.gate.release(9)
+    made = []
+    for index in (0, 1, 2):
+        studio.pictures.want(frame(index), seen=True, playing=True)
+        made.append(studio.made.get(timeout=WAIT_S))
+    assert studio.pictures.played() == [1, 2]
+
+
+def test_scrubbing_makes_drafts_only(studio: Studio) -> None:
     studio.gate.release(2)
     studio.want(1, full=False)
     assert studio.next() == (1, True)

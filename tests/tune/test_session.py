@@ -39,9 +39,9 @@ class Studio:
         self.stored: dict[int, bytes] = {}
         self.moving = False
 
-    def want(self, wanted: Wanted, *, moving: bool = False) -> None:
+    def want(self, wanted: Wanted, *, moving: bool = False, seen: bool = False, playing: bool = False) -> None:
         self.wanted.append(wanted)
-        self.moving = moving
+        self.moving, self.seen, self.playing = moving, seen, playing
 
     def settle(self) -> None:
         self.moving = False
@@ -110,13 +110,17 @@ def test_seeking_stays_in_the_clip_and_asks_for_full_pictures_at_rest(session: S
     assert (session.index, session.time_s, studio.wanted[-1].full) == (23, 23 / 24, False)
     session.seek(99)
     assert studio.wanted[-1].full
+    assert studio.seen
     assert heard == ["time"]
+    session.show()
+    assert not studio.seen  # of the same scene, but what its files hold may be new
     session.seek(-4)
     assert session.index == 0
     session.set_range(2, 9)
     assert session.range == (2, 9)
     end()
-    session.seek(5)
+    session.seek(5, playing=True)
+    assert studio.playing
     assert heard == ["time"] * 3
 
 

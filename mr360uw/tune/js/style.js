@@ -75,6 +75,7 @@ const TEXT = `
   cursor: pointer; margin: 0 22px 0 64px; }
 .uw-strip:focus-visible, .uw-curve:focus-visible { outline-offset: -2px; }
 .uw-strip img { position: absolute; top: 0; height: 100%; object-fit: cover; pointer-events: none; user-select: none; }
+.uw-strip .uw-played { position: absolute; bottom: 0; height: 3px; background: #22c55e; pointer-events: none; }
 .uw-strip .uw-out { position: absolute; top: 0; bottom: 0; background: var(--uw-back); opacity: 0.72;
   pointer-events: none; }
 .uw-strip .uw-edge { position: absolute; top: 0; bottom: 0; width: 13px; margin-left: -6.5px; cursor: ew-resize;

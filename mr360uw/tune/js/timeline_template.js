@@ -23,6 +23,8 @@ export const template = `
     :aria-valuemax="count - 1" :aria-valuenow="frame" :aria-valuetext="timeText + ', frame ' + frame"
     @keydown="stripKey" @pointerdown="scrub" @pointermove="scrubMove" @pointerup="scrubEnd" @pointercancel="scrubEnd">
     <img v-for="(one, k) in thumbs" :key="k" :src="one.src" :style="one.style" alt="" draggable="false">
+    <div v-for="[from, to] in played" :key="'p' + from" class="uw-played"
+      :style="{ left: across(from) + '%', width: across(to - from) + '%' }"></div>
     <div class="uw-out" :style="{ left: 0, width: across(start) + '%' }"></div>
     <div class="uw-out" :style="{ left: across(stop) + '%', right: 0 }"></div>
     <div class="uw-head" :style="{ left: across(frame + 0.5) + '%' }"></div>
