@@ -19,6 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.cache import shared
 from mr360uw.base.constants import PI
 from mr360uw.base.optics import fresnel_from_below
 from mr360uw.base.parameters import checked
@@ -224,19 +225,21 @@ class RayField:
         return length_to(self.floor_m, y, mu)
 
     def _source_modes(self, mu: Array) -> Array:
-        """Return the source (..., n, j) of every mode in directions mu, where it has its amount."""
-        azimuth, modes, end = (
-            0.0 if self.azimuth_rad is None else self.azimuth_rad,
-            np.zeros((len(mu), *self.rate.shape)),
-            0,
-        )
-        for order, source in self.source.items():
-            legendre = legendre_polynomials(mu, source.shape[1], order)
-            start, end = end, end + source.shape[2]
-            modes[..., start:end] = np.cos(order * azimuth) * np.tensordot(legendre, source, axes=(-1, 1))
-        if self.of_beam is not None:
-            modes[..., -1] += self.of_beam(mu, self.azimuth_rad).reshape(len(mu), -1)
-        return modes
+        """Return the source (r, n, j) of every mode in directions mu (r,), where it has its amount."""
+        return _source_of(self, mu.tobytes())
+
+
+@shared(keep=2)
+def _source_of(rays: RayField, directions: bytes) -> Array:
+    mu, azimuth = np.frombuffer(directions), 0.0 if rays.azimuth_rad is None else rays.azimuth_rad
+    modes, end = np.zeros((len(mu), *rays.rate.shape)), 0
+    for order, source in rays.source.items():
+        legendre = legendre_polynomials(mu, source.shape[1], order)
+        start, end = end, end + source.shape[2]
+        modes[..., start:end] = np.cos(order * azimuth) * np.tensordot(legendre, source, axes=(-1, 1))
+    if rays.of_beam is not None:
+        modes[..., -1] += rays.of_beam(mu, rays.azimuth_rad).reshape(len(mu), -1)
+    return modes
 
 
 def at_surface(mu: Array, sky: Array, shape: SkyShape, index: float, rising: Array) -> Array:
