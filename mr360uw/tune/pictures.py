@@ -145,7 +145,7 @@ class Pictures:
         self._count = 0
         self._full_s = 1.0
         self._settled, self._whole = True, False
-        self._played: OrderedDict[int, MadePicture] = OrderedDict()  # full pictures of the present state, by frame
+        self._played: dict[int, MadePicture] = {}  # full pictures of the present state, by frame
         # Of the picture that is being made: whether nothing but the frame has changed since, and whether one that was
         # kept is shown instead
         self._same, self._passed = True, False
@@ -170,10 +170,12 @@ class Pictures:
 
     def _forget(self) -> None:
         """Let go of the frames that were kept for playing."""
-        for made in self._played.values():
-            self._stored.pop(made.number, None)
-        self._played.clear()
+        for index in tuple(self._played):
+            self._let_go(index)
         self._same = False
+
+    def _let_go(self, index: int) -> None:
+        del self._stored[self._played.pop(index).number]
 
     def played(self) -> list[int]:
         """Return the frames, ascending, that are shown at once."""
@@ -298,10 +300,11 @@ class Pictures:
         with self._changed:
             if not self._same:
                 return
+            if made.wanted.index in self._played:  # it was asked for again before it was there
+                self._let_go(made.wanted.index)
             self._played[made.wanted.index], self._stored[made.number] = made, made.data
             while sum(len(one.data) for one in self._played.values()) > _PLAYED_BYTES:
-                _, oldest = self._played.popitem(last=False)
-                del self._stored[oldest.number]
+                self._let_go(next(iter(self._played)))
 
     def _numbered(self, picture: MadePicture) -> MadePicture:
         with self._changed:
