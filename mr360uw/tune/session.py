@@ -152,7 +152,8 @@ class Session(Observed):
         """
         index = min(max(index, 0), self.frame_count - 1)
         moved, self.index = index != self.index, index
-        if moved or (not scrubbing and self.behind):
+        kept = not playing or index in self.pictures.played()  # the head goes on from frames that are
+        if moved or not kept or (not scrubbing and self.behind):
             self.pictures.want(self._wanted(full=not scrubbing), seen=True, playing=playing)
         if moved:
             self._tell("time")

@@ -166,9 +166,9 @@ export default {
       let at = this.frame;
       this.events.now("seek", this.numbered({ frame: at, time_s: at / this.rate, how: "play" }));
       const step = (time) => {
-        // the clip's rate, but no frame is passed by that was not made yet
-        if (this.isPlayed(this.frame)) at += ((time - before) / 1000) * this.rate;
-        if (!this.isPlayed(Math.floor(at))) at = Math.min(at, this.frame + 1);
+        // the clip's rate, but no frame is passed by that was not made yet; the first time may lie before the click
+        if (this.isPlayed(this.frame)) at += (Math.max(time - before, 0) / 1000) * this.rate;
+        for (let one = this.frame + 1; one <= at; one += 1) if (!this.isPlayed(one)) at = one;
         before = time;
         const length = Math.max(this.stop - this.start, 1);
         if (at >= this.stop) at = this.start + ((at - this.start) % length);

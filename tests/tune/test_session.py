@@ -43,6 +43,9 @@ class Studio:
         self.wanted.append(wanted)
         self.moving, self.seen, self.playing = moving, seen, playing
 
+    def played(self) -> list[int]:
+        return []
+
     def settle(self) -> None:
         self.moving = False
 
@@ -119,8 +122,11 @@ def test_seeking_stays_in_the_clip_and_asks_for_full_pictures_at_rest(session: S
     session.set_range(2, 9)
     assert session.range == (2, 9)
     end()
-    session.seek(5, playing=True)
-    assert studio.playing
+    for _ in range(2):  # a frame that is not kept any more is made again: the head waits for it
+        asked = len(studio.wanted)
+        session.seek(5, playing=True)
+        assert studio.playing
+        assert len(studio.wanted) == asked + 1
     assert heard == ["time"] * 3
 
 
