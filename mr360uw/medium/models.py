@@ -120,10 +120,6 @@ class FieldModel:
         self.field, self.part, self.inputs = field, part, inputs
         self.wide = field.scattered_by(part)
 
-    def at_azimuth(self, azimuth_rad: float, only: int | Literal["beam"] | None = None) -> FieldModel:
-        """Return the same seen at an azimuth from the sun's, see `LightField.at_azimuth`."""
-        return FieldModel(self.field.at_azimuth(azimuth_rad, only), self.part)
-
     def up_to_order(self, most: int) -> FieldModel:
         """Return the same with fewer orders of light about the sun, see `LightField.up_to_order`."""
         return FieldModel(self.field.up_to_order(most), self.part)

@@ -331,22 +331,22 @@ def around_sun(medium: Medium, *, level: bool = False) -> Array | None:
         return None
     every = min(_EVERY, max(len(medium.bands.wavelength_nm) // _FEWEST, 1))
     model = medium.model_at(medium.bands.wavelength_nm[::every], "table")
-    lobes = medium.bands.lobes[::every].tobytes()
+    lobes, up = medium.bands.lobes[::every].tobytes(), row_up(ROWS)[_HORIZON if level else ...].tobytes()
     assert isinstance(model, FieldModel)
     if medium.rough:
-        return _roughly(model, lobes, medium.camera_depth_m, level)
+        return _roughly(model, lobes, medium.camera_depth_m, up)
     step = int(np.floor(np.log(medium.camera_depth_m) / np.log(_DEPTH_RATIO)))
     above, below = _DEPTH_RATIO**step, _DEPTH_RATIO ** (step + 1)
     if medium.floor_m is not None:
         below = max(min(below, medium.floor_m), medium.camera_depth_m)
     share = np.log(medium.camera_depth_m / above) / np.log(below / above) if below > above else 0.0
-    upper, lower = _at_depths(model, lobes, (above, below), level)
+    upper, lower = _at_depths(model, lobes, (above, below), up)
     return upper + share * (lower - upper)
 
 
 @shared(keep=64)
-def _at_depths(model: FieldModel, lobes: bytes, depths_m: tuple[float, ...], level: bool) -> Array:
-    weights, up = np.frombuffer(lobes).reshape(-1, 3), row_up(ROWS)[_HORIZON if level else ...]
+def _at_depths(model: FieldModel, lobes: bytes, depths_m: tuple[float, ...], directions: bytes) -> Array:
+    weights, up = np.frombuffer(lobes).reshape(-1, 3), np.frombuffer(directions)
 
     def ratio() -> dict[str, Array]:
         with one_blas_thread():
@@ -357,10 +357,10 @@ def _at_depths(model: FieldModel, lobes: bytes, depths_m: tuple[float, ...], lev
 
 
 @shared(keep=64)
-def _roughly(model: FieldModel, lobes: bytes, depth_m: float, level: bool) -> Array:
+def _roughly(model: FieldModel, lobes: bytes, depth_m: float, directions: bytes) -> Array:
     from scipy.interpolate import PchipInterpolator
 
-    up = row_up(ROWS)[_HORIZON if level else ...]
+    up = np.frombuffer(directions)
     with one_blas_thread():
         few = model.up_to_order(_ROUGH_ORDERS).around_sun(depth_m, up, _ROUGH_AZIMUTHS)
     light = PchipInterpolator(_ROUGH_AZIMUTHS, few @ np.frombuffer(lobes).reshape(-1, 3), axis=1)(AZIMUTHS)

@@ -189,7 +189,7 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
         self.on("seek", lambda event: handler(event.args["frame"], event.args["how"]))
 
     def on_play(self, handler: Callable[[bool], Any]) -> None:
-        """Call a handler when playing begins (True) and ends; the element itself moves the head in real time."""
+        """Call a handler when playing begins (True) and ends; the element itself moves the head, see `set_played`."""
         self.on("play", lambda event: handler(event.args["playing"]))
 
     def on_range(self, handler: Callable[[int, int], Any]) -> None:

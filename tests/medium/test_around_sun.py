@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from mr360uw.base.sphere import directions
 from mr360uw.medium import Medium, Water
+from mr360uw.medium.models import FieldModel
 from mr360uw.medium.open_water import COLUMNS, ROWS, OpenWater, row_up
 from mr360uw.medium.scattered_light import AZIMUTHS, _over_mean, around_sun, placed, typical_level
 from tests.medium.tolerances import AROUND_ALL_BANDS, GROWTH_AROUND_SUN, HARMONIC
@@ -43,9 +44,10 @@ def test_the_map_is_the_solved_light_about_the_sun() -> None:
     for row, column in ((63, 10), (64, 200), (90, 128), (110, 60), (20, 77)):
         v = d[row, column]
         angle = np.arctan2(v[0] * towards[2] - v[2] * towards[0], v[0] * towards[0] + v[2] * towards[2])
+        model = FieldModel(medium.model.field.at_azimuth(angle), medium.model.part)
         for s, tolerance in ((np.inf, AROUND_ALL_BANDS), (3.0, GROWTH_AROUND_SUN)):
             end = min(s, DEPTH / max(v[1], 1e-9))
-            seen = medium.model.at_azimuth(angle).inscatter(end, DEPTH, v[1]) @ medium.bands.lobes
+            seen = model.inscatter(end, DEPTH, v[1]) @ medium.bands.lobes
             mean = medium.model.inscatter(end, DEPTH, v[1]) @ medium.bands.lobes
             np.testing.assert_allclose(around[row, column] * mean, seen, rtol=tolerance)
     assert around.max() > 2.0 > 0.5 > around.min()

@@ -14,7 +14,7 @@ from mr360uw.base.optics import fresnel_from_below
 from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water
 from mr360uw.medium.closed_form import ray_in_water
-from mr360uw.medium.models import spectral_model
+from mr360uw.medium.models import FieldModel, spectral_model
 from mr360uw.medium.phase import henyey_greenstein
 from mr360uw.medium.ray_field import LambertFloor, SkyShape, cosine_kernel
 from tests.medium.tolerances import (
@@ -224,7 +224,8 @@ def test_azimuths_make_up_the_mean(floor: LambertFloor | None) -> None:
     whole = np.array([field.at_azimuth(angle).inscatter(1.5, 2.0, up) for angle in azimuth])
     np.testing.assert_allclose(whole.mean(axis=0), field.inscatter(1.5, 2.0, up), rtol=MEAN_OF_AZIMUTHS)
     model = spectral_model(Water.jerlov("IB"), [450.0, 550.0], "table", sky=("sun", 0.8, 0.7), floor=floor)
-    single = np.stack([model.at_azimuth(angle).inscatter(np.inf, 2.0, up) for angle in azimuth[::16]], axis=1)
+    seen = [FieldModel(model.field.at_azimuth(angle), model.part) for angle in azimuth[::16]]
+    single = np.stack([one.inscatter(np.inf, 2.0, up) for one in seen], axis=1)
     np.testing.assert_allclose(model.around_sun(2.0, up, azimuth[::16]), single, rtol=ANALYTIC_FIELD)
 
 
