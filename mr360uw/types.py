@@ -239,6 +239,9 @@ class UnlaidGround(Protocol):
     def lay(self, tile: Tile) -> Tile:
         """Return a tile with its ratio and its veil on the ground."""
 
+    def lines_of(self, part: Rectangle, first: int, step: int) -> tuple[Floats, Floats]:
+        """Return ratio and veil (n, w, 3) of every so manieth line of a rectangle, without the plate's own caustics."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
@@ -490,6 +493,26 @@ class BeamSpread(Parts):
         """Return the weights (k,) of the Gaussians after a path, sum 1."""
         tau = self.scattering * path_m
         return np.array([np.interp(tau, self.optical_depth, column) for column in self.weight.T])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageSpread(Parts):
+    """Spread of the light of bodies by what the water turns within a cone, over the angles that they are seen at.
+
+    scattering: (3,) into the cone [1/m], of each channel; times the distance it is an optical depth. kept: (3,) what of
+    it [1/m] the extinction of bodies counts as lost. angle_rad, optical_depth, weight: as in `BeamSpread`.
+    """
+
+    scattering: Floats
+    kept: Floats
+    angle_rad: Floats
+    optical_depth: Floats
+    weight: Floats
+
+    def weights(self, distance_m: Floats) -> Floats:
+        """Return the weights (n, 3, k) of the Gaussians over distances (n,), sum 1."""
+        tau = distance_m[:, None] * self.scattering
+        return np.stack([np.interp(tau, self.optical_depth, column) for column in self.weight.T], axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -96,9 +96,9 @@ LIT, LIT_FLOOR = 0.05, 0.02
 LIT_AWAY = 0.08
 """The same of sides away from the sun and of umbras, whose light is all ambient; the shadow of the light that the water
 turns by a few degrees is a Gaussian, and tails of the true one reach into umbras."""
-LIT_TURBID = 0.12
+LIT_TURBID = 0.09
 """The same in water whose light turns four times on its way: towards and away from the sun the veil is the azimuth's
-mean."""
+mean, and of the blur small angles alone are exact."""
 LIT_SIGMAS = 3.0
 """Standard errors of the traced light that are allowed besides."""
 RENDERERS_ON_DIVES = 0.012

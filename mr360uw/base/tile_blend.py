@@ -235,17 +235,27 @@ class BlockGround:
             shown = np.ascontiguousarray(self.picture.linear(tile.rectangle), np.float32)
         size = (*tile.alpha.shape, 3)
         ratio, veil = np.ones(size, np.float32), np.zeros(size, np.float32)
-        _lay(self.lines, shown, tile.row, tile.column, ratio, veil)
+        _lay(self.lines, shown, tile.row, 1, tile.column, ratio, veil)
         return replace(tile, ratio=ratio, veil=veil)
+
+    def lines_of(self, part: Rectangle, first: int, step: int) -> tuple[Floats, Floats]:
+        """Return ratio and veil (n, w, 3) of every so manieth line of a rectangle, without the plate's own caustics."""
+        size = (len(range(first, part.height, step)), part.width, 3)
+        ratio, veil = np.ones(size, np.float32), np.zeros(size, np.float32)
+        plain, none = self.lines._replace(patterned=False), np.zeros((0, 0, 3), np.float32)
+        _lay(plain, none, part.row + first, step, part.column, ratio, veil)
+        return ratio, veil
 
 
 @fast
-def _lay(ground: Any, shown: Any, row: int, column: int, ratio: Any, veil: Any) -> None:
-    """Write ratio and veil (h, w, 3) of a tile at (row, column). shown: light of the plate there, or none."""
+def _lay(ground: Any, shown: Any, row: int, step: int, column: int, ratio: Any, veil: Any) -> None:
+    """Write ratio and veil (h, w, 3) of every so manieth line from (row, column) on. shown: light of the plate there,
+    or none.
+    """
     room = ground_room()
     for r in range(len(ratio)):
         light = shown[min(r, len(shown) - 1)] if len(shown) else shown.reshape(0, 3)
-        ground_line(ground, row + r, column, light, room, ratio[r], veil[r])
+        ground_line(ground, row + r * step, column, light, room, ratio[r], veil[r])
 
 
 @inlined

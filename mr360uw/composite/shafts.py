@@ -122,7 +122,7 @@ def before_plate(shot: Shot, light: ShaftInput, scene: ShaftScene, layer: Layer,
             continue
         shafts: Floats = np.zeros((*where.shape, 3), np.float32)
         for side, blocks in found.items():
-            shafts += _pixels(blocks, side, rectangle)
+            shafts += pixels_of_blocks(blocks, side, rectangle)
         shafts *= where[..., None]
         if shot.holdout is not None:
             shafts *= 1.0 - np.clip(shot.holdout[tile.window], 0.0, 1.0).astype(np.float32)[..., None]
@@ -155,7 +155,7 @@ def _blocks_near(marked: Mask, side: int) -> Mask:
     return np.asarray(cv2.dilate(some, np.ones((3, 3), np.uint8))[:, 1:-1] > 0)
 
 
-def _pixels(change: NDArray[np.float32], side: int, part: Rectangle) -> NDArray[np.float32]:
+def pixels_of_blocks(change: NDArray[np.float32], side: int, part: Rectangle) -> NDArray[np.float32]:
     """Return the pixels (h, w, 3) of a rectangle, bilinear between the middles of blocks, periodic in columns."""
     first_row, first_column = part.row // side - 1, part.column // side - 1
     row = np.arange(first_row, (part.row + part.height - 1) // side + 2)

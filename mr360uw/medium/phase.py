@@ -419,6 +419,20 @@ def forward_peak(phase: Phase) -> tuple[Array, Array]:
     return theta[peak > 0.0], peak[peak > 0.0] / peak.sum()
 
 
+CONE_RAD = 0.25 * PI
+"""Scattering angle below which light of a body still arrives near it."""
+
+
+def forward_cone(phase: Phase) -> tuple[Array, Array, float]:
+    """Return angles (n,) [rad] below `CONE_RAD`, the fractions (n,), sum 1, that are scattered into them, and what
+    fraction of all scattering that is.
+    """
+    theta, weight = _angle_quadrature()
+    within = theta < CONE_RAD
+    light = 2.0 * PI * (weight * phase_function(phase, theta))[within]
+    return theta[within], light / light.sum(), float(light.sum() / _integral(phase))
+
+
 @shared(keep=64)
 def _integral(phase: Phase) -> float:
     """Return the integral of a phase function over the sphere, 1 but for the rounding of published numbers."""

@@ -29,11 +29,11 @@ from mr360uw.medium.lookup import NORMALS, depth_nodes, diffuse_table, normal_no
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import FieldModel, SpectralModel
 from mr360uw.medium.open_water import COLUMNS, MIDDLE, ROWS, row_up, typical
-from mr360uw.medium.phase import Phase, forward_peak
+from mr360uw.medium.phase import Phase, forward_cone, forward_peak, wide_angle_moments
 from mr360uw.medium.ray_field import Sky, SurfaceKind, cosine_kernel
 from mr360uw.medium.spectra import Sensor
 from mr360uw.medium.water import Water
-from mr360uw.types import Array, BeamSpread, Floats
+from mr360uw.types import Array, BeamSpread, Floats, ImageSpread
 
 _STEP = 0.01
 """Interval of the sine of the sun's elevation in the water at which fields are solved: 0.3 % of the light."""
@@ -240,14 +240,18 @@ _STEPS = 24
 
 def spread_factor(phase: Phase, tau: Array, x: Array) -> Array:
     """Return M (len(tau), len(x)) of a particle phase function. x: cycles per radian."""
-    return np.exp(-np.asarray(tau, np.float64)[:, None] * (1.0 - _mean_transform(phase, x)))
+    return _factor(*forward_peak(phase), tau, x)
 
 
-def _mean_transform(phase: Phase, x: Array) -> Array:
+def _factor(theta: Array, weight: Array, tau: Array, x: Array) -> Array:
+    """Return M (len(tau), len(x)) of small angles (n,) and the fractions (n,) of light that turns by them."""
+    return np.exp(-np.asarray(tau, np.float64)[:, None] * (1.0 - _mean_transform(theta, weight, x)))
+
+
+def _mean_transform(theta: Array, weight: Array, x: Array) -> Array:
     """Return P (n,) at x (n,)."""
     from scipy.special import j0
 
-    theta, weight = forward_peak(phase)
     node, share = gauss_legendre(_STEPS)
     # light that turns near the plane is hardly moved: nodes are dense there
     u, share = (0.5 * (node + 1.0)) ** 2, 0.5 * share * (node + 1.0)
@@ -259,17 +263,21 @@ def _mean_transform(phase: Phase, x: Array) -> Array:
 
 
 @shared(keep=16)
-def _weights(phase: Phase) -> Array:
-    """Return the weights (len(_DEPTHS), len(_ANGLES_RAD)) of the turned light's Gaussians, each row of sum 1."""
-    return np.asarray(kept_arrays("spread", (phase,), lambda: {"weights": _fitted_weights(phase)})["weights"])
+def _weights(phase: Phase, *, cone: bool) -> Array:
+    """Return the weights (len(_DEPTHS), len(_ANGLES_RAD)) of the turned light's Gaussians, each row of sum 1.
+
+    cone: of light that turns within the cone instead of that of the forward peak.
+    """
+    turns = forward_cone(phase)[:2] if cone else forward_peak(phase)
+    return np.asarray(kept_arrays("spread", turns, lambda: {"weights": _fitted_weights(*turns)})["weights"])
 
 
-def _fitted_weights(phase: Phase) -> Array:
+def _fitted_weights(theta: Array, weight: Array) -> Array:
     from scipy.optimize import nnls
 
     gaussians = np.exp(-2.0 * (PI * _ANGLES_RAD * _FREQUENCIES[:, None]) ** 2)
     unturned = np.exp(-_DEPTHS)[:, None]
-    turned = (spread_factor(phase, _DEPTHS, _FREQUENCIES) - unturned) / -np.expm1(-_DEPTHS)[:, None]
+    turned = (_factor(theta, weight, _DEPTHS, _FREQUENCIES) - unturned) / -np.expm1(-_DEPTHS)[:, None]
     system = np.vstack([gaussians, np.full((1, len(_ANGLES_RAD)), 1e3)])
     rows = np.array([nnls(system, np.append(row, 1e3))[0] for row in turned])
     return np.asarray(rows / rows.sum(axis=1, keepdims=True))
@@ -294,7 +302,21 @@ def beam_spread(phase: Phase, scattering: float) -> BeamSpread:
 
     scattering: by small angles [1/m], the difference of c and c'.
     """
-    return BeamSpread(scattering, _ANGLES_RAD, _DEPTHS, _weights(phase))
+    return BeamSpread(scattering, _ANGLES_RAD, _DEPTHS, _weights(phase, cone=False))
+
+
+def image_spread(medium: Medium) -> ImageSpread | None:
+    """Return how a medium blurs pictures, by the light that turns within a cone; None as `spread_of`.
+
+    A body's light takes the way of the beam backwards: what turns by theta at a distance t from it arrives beside it by
+    theta t over its distance. So M holds, of the phase function within the cone.
+    """
+    if spread_of(medium) is None:
+        return None
+    phase, light = medium.water.phase, np.maximum(medium.bands.weight, 0.0)
+    peak = (medium.model.attenuation - medium.model.extinction) @ light / light.sum(axis=0)
+    within = peak * forward_cone(phase)[2] / (1.0 - float(wide_angle_moments(phase, 1)[0]))
+    return ImageSpread(within, within - peak, _ANGLES_RAD, _DEPTHS, _weights(phase, cone=True))
 
 
 # Light of open water by its azimuth from the sun, over the mean that the tables of a medium hold.

@@ -134,6 +134,7 @@ class WaterSettings(WaterKindSettings):
         "how the haze (veil) is computed; plate = far away what the plate shows, on the way as the solved light "
         "field; table = that alone, kd = as published",
     )
+    blur: bool = advanced(True, "whether the water blurs objects by the light that it turns by small angles")
     bands: int = parameter(
         DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000,
         internal="draw.quality",

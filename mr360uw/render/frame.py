@@ -36,11 +36,12 @@ from mr360uw.composite.tiles import mean_layer
 from mr360uw.errors import GlError, ParameterError, RenderError
 from mr360uw.ibl.lighting import turned
 from mr360uw.medium import Medium
-from mr360uw.medium.scattered_light import spread_of
+from mr360uw.medium.scattered_light import image_spread, spread_of
 from mr360uw.render.first_pass import Background, ClipAnalysis, plate_pattern
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import asked_grade, ungraded, with_grade
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
+from mr360uw.render.surroundings import Surroundings
 from mr360uw.types import BeamSpread, CausticStack, Floats, Layer, MediumTable, Sun
 from mr360uw.video import VideoFrame
 
@@ -181,6 +182,8 @@ def draw_frame(backend: Backend, shots: FrameShots, cache: Cache, *, variables: 
         drawn = []
         for at in instants:
             layer, found = cache.of(draw_layer, backend, at.shot, at.prepared, at.shafts, variables, cache)
+            if at.now.plan.blur.runs:
+                layer, found = cache.of(blurred_layer, at.now.surroundings, at.shot, layer, found, cache)
             if at.now.plan.surface.runs:
                 layer, found = with_surface(at, backend, layer, found, cache)
             if at.now.plan.snow.runs:
@@ -331,6 +334,16 @@ def draw_layer(
 
         layer, found = with_shafts(shot, shafts, layer, found, cache)
     return layer, found
+
+
+def blurred_layer(
+    around: Surroundings, shot: Shot, layer: Layer, variables: Aovs | None, cache: Cache
+) -> tuple[Layer, Aovs | None]:
+    """Return a shot's layer and its variables as the water blurs them; as they are where it blurs nothing."""
+    from mr360uw.composite.water_blur import with_blur
+
+    spread = None if around.medium is None else cache.of(image_spread, around.medium)
+    return (layer, variables) if spread is None else with_blur(shot, spread, layer, variables, cache)
 
 
 def with_snow(

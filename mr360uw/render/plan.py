@@ -218,6 +218,7 @@ class Plan:
     pattern: Stage
     occlusion: Stage
     layer: Stage
+    blur: Stage
     surface: Stage
     snow: Stage
     match: Stage
@@ -283,6 +284,11 @@ def make_plan(
             else f"{quality}; objects "
             + ("move" if any(o.moves for o in objects) else "stand still: geometry is kept between frames"),
             "no objects: the plate goes through untouched",
+        ),
+        blur=stage(
+            bool(objects) and medium is not None and scene.water.blur and scene.water.mode in ("table", "plate"),
+            "the water turns light of objects by small angles",
+            "no objects" if not objects else 'water is "none"' if medium is None else "switched off",
         ),
         surface=surface_stage(scene, objects, medium),
         snow=snow, match=match_stage(scene, visible),

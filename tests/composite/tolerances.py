@@ -211,3 +211,7 @@ COLUMNS_EDGE = 0.02
 PATTERN_CLIPPED = 0.025
 """RMS of clipped light in half shade against that of a plate which holds it: its red
 tells it but for their different shares of ambient light."""
+BLUR_ENERGY = 0.01
+"""Light of blurred bodies over all of it: a Gaussian is cut off after three deviations, and rows at a pole are few."""
+BLUR_PHOTONS = 0.03
+"""Shares of light within angles by Gaussians on cells of 0.75 degrees, and by photons in the small-angle limit."""

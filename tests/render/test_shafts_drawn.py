@@ -282,7 +282,7 @@ DRAW = {"samples": 1, "ambient_occlusion": False, "sun_samples": 4}
 def frame(folder: Path, mesh: Path, backend: str, plate: Floats, **shafts: Any) -> Floats:
     given = {"sun": "given", "sun_azimuth_deg": 20.0, "sun_elevation_deg": 70.0}
     scene = scene_with(
-        folder, mesh, light=given, caustics={"size": 32, "grid": 32}, draw=DRAW, water={"bands": 8},
+        folder, mesh, light=given, caustics={"size": 32, "grid": 32}, draw=DRAW, water={"bands": 8, "blur": False},
         shafts={"resolution": 32, "slices": 16, **shafts},
     )  # fmt: skip
     return uw.render_frame(plate, scene, 0.4, backend).image_linear
