@@ -13,10 +13,12 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from mr360uw.base.input_files import Stamp, files_read, stamp
 from mr360uw.errors import Mr360uwError
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse, encoded
 from mr360uw.scene.model import Scene
@@ -146,6 +148,7 @@ class Pictures:
         self._full_s = 1.0
         self._settled, self._whole = True, False
         self._played: dict[int, MadePicture] = {}  # full pictures of the present state, by frame
+        self._files: dict[Path, Stamp] = {}  # that these were made of
         # Of the picture that is being made: whether nothing but the frame has changed since, and whether one that was
         # kept is shown instead
         self._same, self._passed = True, False
@@ -159,7 +162,7 @@ class Pictures:
         again. playing: without a draft before it.
         """
         with self._changed:
-            if not seen:
+            if not seen or any(stamp(path) != before for path, before in self._files.items()):
                 self._forget()
             made = self._played.get(wanted.index)
             self._wanted, self._settled, self._whole = None if made else wanted, not moving, playing
@@ -172,6 +175,7 @@ class Pictures:
         """Let go of the frames that were kept for playing."""
         for index in tuple(self._played):
             self._let_go(index)
+        self._files.clear()
         self._same = False
 
     def _let_go(self, index: int) -> None:
@@ -285,24 +289,26 @@ class Pictures:
     def _one(self, renderer: PageRenderer, wanted: Wanted, *, draft: bool, index: int | None = None) -> None:
         """Make and publish one picture; raises what `PageRenderer.picture` raises. index: of one that stands in."""
         start, shown = time.perf_counter(), wanted if index is None else replace(wanted, index=index)
-        drawn = renderer.picture(shown, wanted.draft_width if draft else wanted.width)
+        with files_read() as read:
+            drawn = renderer.picture(shown, wanted.draft_width if draft else wanted.width)
         seconds = time.perf_counter() - start
         self._full_s = self._full_s if draft else seconds
         made = replace(drawn, wanted=wanted, draft=draft, stand_in=index is not None, seconds=seconds)
         made = self._numbered(made)
         if not draft:
-            self._keep(made)
+            self._keep(made, {path: stamp(path) for path in read})
         if not self._passed:
             self._publish(made)
 
-    def _keep(self, made: MadePicture) -> None:
-        """Keep a full picture for playing, in place of the oldest ones where there is no room."""
+    def _keep(self, made: MadePicture, files: dict[Path, Stamp]) -> None:
+        """Keep a full picture for playing, made of files, in place of the oldest ones where there is no room."""
         with self._changed:
             if not self._same:
                 return
             if made.wanted.index in self._played:  # it was asked for again before it was there
                 self._let_go(made.wanted.index)
             self._played[made.wanted.index], self._stored[made.number] = made, made.data
+            self._files |= files
             while sum(len(one.data) for one in self._played.values()) > _PLAYED_BYTES:
                 self._let_go(next(iter(self._played)))
 

@@ -6,9 +6,11 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from mr360uw.base.input_files import note_read
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.scene.model import Scene
 from mr360uw.tune import pictures
@@ -27,6 +29,7 @@ class Studio:
         self.fails: Exception | None = None
         self.closed = False
         self.nearest: int | None = None
+        self.mesh: Path | None = None
         self.pictures = Pictures(lambda: self, self.made.put)
 
     def picture(self, wanted: Wanted, width: int) -> MadePicture:
@@ -34,6 +37,8 @@ class Studio:
         assert self.gate.acquire(timeout=WAIT_S)
         if self.fails is not None:
             raise self.fails
+        if self.mesh is not None:
+            note_read(self.mesh)
         return MadePicture(wanted, width, width // 2, f"{wanted.revision}".encode())
 
     def stand_in(self, wanted: Wanted) -> int:
@@ -134,6 +139,20 @@ def test_frames_that_were_made_are_shown_again_until_anything_else_changes(studi
     studio.pictures.want(frame(1))
     assert studio.made.get(timeout=WAIT_S).draft
     assert studio.made.get(timeout=WAIT_S).number > again.number
+    assert studio.pictures.played() == [1]
+
+
+def test_frames_that_were_kept_are_made_anew_where_a_file_has_changed(studio: Studio, tmp_path: Path) -> None:
+    studio.mesh = tmp_path / "whale.glb"
+    studio.mesh.write_bytes(b"one")
+    studio.gate.release(9)
+    for index in (0, 1, 1):
+        studio.pictures.want(frame(index), seen=True, playing=True)
+        studio.made.get(timeout=WAIT_S)
+    studio.mesh.write_bytes(b"another")
+    studio.pictures.want(frame(1), seen=True, playing=True)
+    studio.made.get(timeout=WAIT_S)
+    assert studio.begun.qsize() == 3
     assert studio.pictures.played() == [1]
 
 
