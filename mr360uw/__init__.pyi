@@ -1,4 +1,5 @@
 from . import caustics, composite, datasets, depth, from_above, ibl, medium, plot, surface, types, video
+from .datasets import sweep
 from .depth.clip_depth import DepthReport, depth_of_clip
 from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
 from .from_above import AerialScene, aerial, load_aerial
@@ -57,6 +58,7 @@ __all__ = [
     "render_frame",
     "sample_dive",
     "surface",
+    "sweep",
     "track_camera",
     "types",
     "video",

@@ -8,8 +8,11 @@ Needs xarray, `pip install 'mr360uw[data]'`.
 from __future__ import annotations
 
 import csv
+import itertools
+import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,10 +28,13 @@ from mr360uw.medium.medium import Medium
 from mr360uw.medium.transfer import LightField
 from mr360uw.medium.water import Water
 from mr360uw.medium.waterfit import resampled
+from mr360uw.scene.model import Scene
 from mr360uw.types import CausticStack
 
 if TYPE_CHECKING:
     from xarray import Dataset
+
+    from mr360uw.runs.compositor import FrameResult
 
 _UNITS = {"wavelength_nm": "nm", "distance_m": "m", "depth_m": "m", "up": "1"}
 _CHANNELS = ("red", "green", "blue")
@@ -395,6 +401,108 @@ def spread(
     values |= dict(zip(("q05", "q95"), np.quantile(found, (0.05, 0.95), axis=0), strict=True))
     data = {name: (axes, value) for name, value in values.items()}
     return _dataset(data, {}, frames=len(frames), draws=draws, seed=seed)
+
+
+Measure = Callable[["FrameResult"], "ArrayLike | Mapping[str, ArrayLike]"]
+"""What a study keeps of a frame: a number or an array of one shape, or some by name."""
+
+
+@checked
+def sweep(
+    scene: Scene,
+    values: Mapping[str, Sequence[Any]],
+    measure: Measure | None = None,
+    *,
+    frame: NonNegativeInt = 0,
+    backend: str = "auto",
+    client: Any = None,
+) -> Dataset:
+    """Return a frame of a scene, or measures of it, for every combination of values of some keys.
+
+    For studies: which water, depth or wind gives what. All combinations are checked before the first is drawn. Frames
+    are drawn one after the other and dropped once they are measured; what they share is made once.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene. Its light is measured in the one frame, as `mr360uw still` does.
+    values : dict
+        Values of each key, named as in `--set`: {"water.type": ["IB", "II"], "camera.depth_m": [5.0, 10.0]}.
+    measure : callable, optional
+        Makes a number, an array, or a dictionary of such from a `FrameResult`; without it the pictures are kept, which
+        takes 12 bytes a pixel.
+    frame : int
+        Number of the plate's frame, from 0.
+    backend : {"auto", "gl", "reference"}
+        The renderer.
+    client : dask.distributed.Client, optional
+        Spreads the combinations over its workers, which must see the same files.
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables over the keys, then over axes of their own: `picture` (..., row, column, channel), linear, without a
+        measure; `measure` or the names that it gives with one.
+
+    Raises
+    ------
+    SceneError
+        With one line for each problem of the first combination that has any.
+    ParameterError
+        If there are no values, or xarray is not installed.
+
+    See Also
+    --------
+    uw.render_frame : One frame of a plate of one's own.
+    uw.Scene.with_ : One variant of a scene.
+
+    Examples
+    --------
+    >>> depths = {"camera.depth_m": [3.0, 12.0]}
+    >>> study = uw.sweep(scene, depths, lambda result: result.image_linear.mean(axis=(0, 1)), backend="reference")
+    >>> study.measure.dims
+    ('camera.depth_m', 'measure_0')
+    """
+    axes = {name: list(some) for name, some in values.items()}
+    if not axes or not all(axes.values()):
+        raise ParameterError(f'values - has none (got {axes!r}) - give some for each key, as {{"water.type": ["IB"]}}')
+    # Make and check all variants, then draw and measure them
+    combinations = list(itertools.product(*axes.values()))
+    variants = [
+        scene.with_(*(f"{name}={json.dumps(one)}" for name, one in zip(axes, combination, strict=True)))
+        for combination in combinations
+    ]
+    xarray, take = _xarray(), partial(_measured, measure=measure, frame=frame, backend=backend)
+    if client is None:
+        found = take(variants)
+    else:
+        batches = [variants[k :: max(len(client.ncores()), 1)] for k in range(max(len(client.ncores()), 1))]
+        parts = client.gather(client.map(take, [batch for batch in batches if batch], pure=False))
+        found = [parts[k % len(parts)][k // len(parts)] for k in range(len(variants))]
+    # Lay them out over the keys
+    size, data = tuple(map(len, axes.values())), {}
+    for name in found[0]:
+        array = np.array([one[name] for one in found])
+        own = ("row", "column", "channel") if measure is None else tuple(f"{name}_{k}" for k in range(array.ndim - 1))
+        data[name] = ((*axes, *own), array.reshape(*size, *array.shape[1:]))
+    from mr360uw import __version__
+
+    made: Dataset = xarray.Dataset(data, axes, {"made_by": f"mr360uw {__version__}", "frame": frame})
+    return made.assign_coords(channel=list(_CHANNELS)) if measure is None else made
+
+
+def _measured(variants: list[Scene], measure: Measure | None, frame: int, backend: str) -> list[dict[str, Any]]:
+    """Return what is kept of a frame of each of some scenes, by name."""
+    from mr360uw.preview.live import LivePreview
+    from mr360uw.runs.compositor import result_of
+
+    found = []
+    with LivePreview(backend) as live:
+        for variant in variants:
+            result = result_of(live.frame(variant, frame))
+            kept = {"picture": result.image_linear} if measure is None else measure(result)
+            found.append(dict(kept) if isinstance(kept, Mapping) else {"measure": kept})
+    return found
 
 
 _COLUMN = re.compile(r"# (\w+) \[(.*?)\] over (.*?): (.*)$")

@@ -12,9 +12,19 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.medium import LightField, Medium, Water
+from mr360uw.video import VideoFrame
+from mr360uw.video.writer import write_picture
+from tests.scenes import gradient_plate, scene_with
 from tests.tolerances import SPREAD
 
 WATER = Water.jerlov("IB")
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> uw.Scene:
+    (tmp_path / "card.obj").write_text("v -1 -1 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\nf 3 2 1\n")
+    write_picture(tmp_path / "plate.png", VideoFrame.of_linear(gradient_plate(64, 32), 0, 0.0))
+    return scene_with(tmp_path, tmp_path / "card.obj", rough=True)
 
 
 def test_properties_of_a_water() -> None:
@@ -108,3 +118,41 @@ def test_a_table_keeps_figures_units_and_source(tmp_path: Path) -> None:
         uw.datasets.write_csv(made, tmp_path / "veil.csv")
     with pytest.raises(uw.ParameterError, match="water - must be a Water"):
         uw.datasets.of_water("IB", [500.0])  # type: ignore[arg-type]
+
+
+def test_a_study_has_the_frames_of_its_variants(scene: uw.Scene) -> None:
+    values = {"water.type": ["IB", "3C"], "camera.depth_m": [4.0, 9.0]}
+    pictures = uw.sweep(scene, values, backend="reference")
+    assert pictures.picture.dims == ("water.type", "camera.depth_m", "row", "column", "channel")
+    alone = uw.sweep(scene.with_("water.type=3C"), {"camera.depth_m": [9.0]}, backend="reference")
+    one = pictures.picture.sel({"water.type": "3C", "camera.depth_m": 9.0})
+    np.testing.assert_array_equal(one, alone.picture[0])
+    assert not np.array_equal(one, pictures.picture.sel({"water.type": "IB", "camera.depth_m": 9.0}))
+
+
+def test_measures_of_a_study_have_names_and_axes(scene: uw.Scene) -> None:
+    def measured(result: uw.FrameResult) -> dict[str, np.ndarray | float]:
+        return {"mean": result.image_linear.mean(axis=(0, 1)), "covered": float(result.layer.alpha.mean())}
+
+    study = uw.sweep(scene, {"object.0.scale": [0.5, 1.0]}, measured, backend="reference")
+    assert study["mean"].dims == ("object.0.scale", "mean_0")
+    assert 0.0 < study.covered[0] < study.covered[1]
+
+
+def test_a_study_may_be_spread_over_workers(scene: uw.Scene) -> None:
+    distributed = pytest.importorskip("distributed")
+    values = {"camera.depth_m": [3.0, 5.0, 8.0]}
+    with distributed.Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+        spread = uw.sweep(scene, values, brightness, backend="reference", client=client)
+    np.testing.assert_array_equal(spread.measure, uw.sweep(scene, values, brightness, backend="reference").measure)
+
+
+def brightness(result: uw.FrameResult) -> float:
+    return float(result.image_linear.mean())
+
+
+def test_a_study_checks_all_of_its_values_first(scene: uw.Scene) -> None:
+    with pytest.raises(uw.SceneError, match="depth_m"):
+        uw.sweep(scene, {"camera.depth_m": [3.0, "deep"]}, pytest.fail)
+    with pytest.raises(uw.ParameterError, match="values - has none"):
+        uw.sweep(scene, {"camera.depth_m": []})

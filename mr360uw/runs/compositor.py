@@ -195,7 +195,7 @@ class Compositor:
             loaded = self._loaded_for(*shown.shape, clip=self._analysis is not None)
             analysis = ClipAnalysis.of_frame(sun, gain) if self._analysis is None else self._analysis
             frame = composite_frame(loaded, analysis, self._renderer, shown, shutter_s, cache=self._cache())
-            return _result(frame)
+            return result_of(frame)
 
     @checked
     def frames(
@@ -250,7 +250,7 @@ class Compositor:
             for shots in frames:
                 with self._one_thread, one_blas_thread():
                     drawn = draw_frame(self._renderer, shots, self._cache())
-                    result = _result(blend_frame(loaded, analysis, shots, drawn, self._cache()))
+                    result = result_of(blend_frame(loaded, analysis, shots, drawn, self._cache()))
                 yield result
 
     def _cache(self) -> Cache:
@@ -304,7 +304,7 @@ def shots_of_clip(
         yield frame_shots(loaded, analysis, backend, plate, exposure_s, cache, light)
 
 
-def _result(frame: Frame) -> FrameResult:
+def result_of(frame: Frame) -> FrameResult:
     """Return a frame as callers get it."""
     return FrameResult(
         image_linear=frame.picture.light,
