@@ -352,9 +352,11 @@ def test_layers_come_out_as_multi_part_exr_and_recombine(dive: SampleDive, tmp_p
     uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 2), backend=backend, layers=pattern)
     assert sorted(p.name for p in tmp_path.glob("*.exr")) == ["layers_0000.exr", "layers_0001.exr"]
     parts = read_exr(tmp_path / "layers_0000.exr")
-    names = ["rgba", "depth", "N", "P", "id", "diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil",
-             "shafts", "snow", "transmittance", "shadow_ratio", "plate_shafts", "receiver_difference"]  # fmt: skip
-    assert list(parts) == names
+    names = ["rgba", "depth", "N", "P", "id", "forward", "backward", "diffuse", "glossy", "sun", "lamps", "caustics",
+             "emission", "veil", "shafts", "snow", "transmittance", "shadow_ratio", "plate_shafts",
+             "receiver_difference"]  # fmt: skip
+    mattes = [f"Crypto{kind}{k:02d}" for kind in ("Object", "Material") for k in range(3)]
+    assert list(parts) == names + mattes
     part = {name: np.asarray(next(iter(parts[name].values())), np.float64) for name in names}
     plate = frames_of(dive.plate)[0].image_linear
     alpha = part["rgba"][..., 3:]

@@ -29,7 +29,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from mr360uw.composite.aovs import RECIPE, exr_parts  # noqa: E402
+from mr360uw.composite.aovs import RECIPE, cryptomatte, exr_parts, motion  # noqa: E402
 from mr360uw.composite.reference import render_aovs  # noqa: E402
 from mr360uw.composite.shot import Receiver  # noqa: E402
 from mr360uw.video import write_exr  # noqa: E402
@@ -139,9 +139,13 @@ def _difference(name: str, layer: Layer, found: Layer) -> str:
 def example(folder: Path) -> Path:
     """Return a file of layers: a ball over a floor, in water."""
     body = placed(sphere(), (0.1, -0.5, -1.2))
-    layer, variables = render_aovs(shot(body, width=WIDTH, medium=medium(), receiver=Receiver(plane_y=-1.2)))
+    scene = shot(body, width=WIDTH, medium=medium(), receiver=Receiver(plane_y=-1.2))
+    layer, variables = render_aovs(scene)
+    moved = [motion(variables, scene, [placed(sphere(), (x, -0.5, -1.2))], scene.view) for x in (0.2, 0.0)]
+    mattes, header = cryptomatte(variables, scene, ["ball"])
     path = folder / "layers_0000.exr"
-    write_exr(path, exr_parts(layer, variables, plate(WIDTH)), attributes={"comments": RECIPE})
+    parts = exr_parts(layer, variables, plate(WIDTH), (moved[0], moved[1])) | mattes
+    write_exr(path, parts, attributes={"comments": RECIPE} | header)
     return path
 
 

@@ -9,14 +9,17 @@ All colours are linear Rec.709, premultiplied by alpha, and attenuated by the wa
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.shot import Shot
-from mr360uw.types import Floats, Layer
+from mr360uw.base.sphere import frame_from_direction
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.types import Floats, Layer, View
 
 SUMS = ("diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "transmittance", "normal", "position")
 """Variables summed over a pixel's surfaces, weighted by their fraction of it; (h, w, 3) each."""
@@ -31,7 +34,9 @@ class Aovs:
     bodies and lamps, of either sign. All these are premultiplied, and attenuated by the water and by the snow before
     the objects. snow: light of marine snow; behind objects, what they let pass. transmittance: of the water, mean over
     the objects in a pixel, 1 where there is none. normal: unit in the world, position [m] in the world, means likewise.
-    object_id: (H, W) uint32, 1 for the first visible object, 0 for none; the one with the largest share.
+    object_id: (H, W) uint32, 1 for the first visible object, 0 for none; the one with the largest share. triangle:
+    (H, W) int32, the one of largest share, numbered through all visible objects, -1 for none. pieces: of surfaces, the
+    number (n,) of their pixel, row by row, their triangle (n,), and their share (n,) of the pixel.
     """
 
     diffuse: Floats
@@ -47,18 +52,22 @@ class Aovs:
     normal: Floats
     position: Floats
     object_id: NDArray[np.uint32]
+    triangle: NDArray[np.int32]
+    pieces: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]
 
     def cut(self, kept: Floats) -> Aovs:
         """Return the variables of which a fraction `kept` (H, W) of the objects' samples is left, 0 to 1."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        pixel, triangle, share = self.pieces
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "pieces"}
         gone = kept == 0.0
         for name, image in values.items():
-            if name in ("transmittance", "normal", "position", "object_id"):
-                nothing = 1.0 if name == "transmittance" else 0
+            if name in ("transmittance", "normal", "position", "object_id", "triangle"):
+                nothing = {"transmittance": 1.0, "triangle": -1}.get(name, 0)
                 values[name] = np.where(gone if image.ndim == 2 else gone[..., None], nothing, image)
             else:
                 values[name] = image * kept[..., None]
-        return Aovs(**{name: image.astype(getattr(self, name).dtype) for name, image in values.items()})
+        images = {name: image.astype(getattr(self, name).dtype) for name, image in values.items()}
+        return Aovs(**images, pieces=(pixel, triangle, share * kept.ravel()[pixel].astype(np.float32)))
 
 
 class AovFrame:
@@ -69,6 +78,8 @@ class AovFrame:
         self.sums: dict[str, Floats] = {name: np.zeros((*size, 3), np.float32) for name in SUMS}
         self.share = np.zeros(size, np.float32)
         self.object_id = np.zeros(size, np.uint32)
+        self.triangle = np.full(size, -1, np.int32)
+        self._pieces: list[tuple[NDArray[Any], ...]] = [(np.zeros(0, np.int64),) * 2 + (np.zeros(0, np.float32),)]
         self._ends = np.cumsum([len(placed.mesh.positions) for placed in shot.visible])
 
     def add(
@@ -86,7 +97,9 @@ class AovFrame:
         order = order[share[order] > self.share[pixels][order]]
         at = pixels[0][order], pixels[1][order]
         number = np.searchsorted(self._ends, triangle[order], side="right")
-        self.share[at], self.object_id[at] = share[order], number + 1
+        self.share[at], self.object_id[at], self.triangle[at] = share[order], number + 1, triangle[order]
+        place = np.asarray(pixels[0] * self.share.shape[1] + pixels[1], np.int64)
+        self._pieces.append((place, triangle.astype(np.int64), share.astype(np.float32)))
 
     def finish(self, shot: Shot, layer: Layer) -> Aovs:
         """Return the variables, with the shot's mattes applied as to the layer. Shafts and snow come later."""
@@ -106,7 +119,12 @@ class AovFrame:
         values["normal"] = np.where(shown, self.sums["normal"] / np.maximum(length, 1e-6), 0.0)
         ids = np.where(shown[..., 0], self.object_id, 0).astype(np.uint32)
         values["shafts"], values["snow"] = np.zeros_like(values["veil"]), np.zeros_like(values["veil"])
-        return Aovs(**{name: v.astype(np.float32) for name, v in values.items()}, object_id=ids)
+        pixel, triangle, share = (np.concatenate(one) for one in zip(*self._pieces, strict=True))
+        return Aovs(
+            **{name: v.astype(np.float32) for name, v in values.items()}, object_id=ids,
+            triangle=np.where(shown[..., 0], self.triangle, -1).astype(np.int32),
+            pieces=(pixel, triangle, share * kept.ravel()[pixel]),
+        )  # fmt: skip
 
 
 def receiver_difference(plate_linear: Floats, layer: Layer) -> Floats:
@@ -117,6 +135,115 @@ def receiver_difference(plate_linear: Floats, layer: Layer) -> Floats:
     return over(plate_linear, replace(layer, tiles=tuple(bare))) - plate_linear
 
 
+# --- Motion ---------------------------------------------------------------------------------------------------------
+
+
+def motion(aovs: Aovs, shot: Shot, objects: Sequence[PlacedObject], view: View) -> Floats:
+    """Return how far the surface in each pixel moves (H, W, 2) [px], right and up, from a shot to another instant.
+
+    objects, view: then, the objects in the shot's order. The shorter way around the seam is taken. A point keeps its
+    place in its triangle; 0 where there is none, and for meshes whose triangles are others then.
+    """
+    moved, first = np.zeros((*aovs.triangle.shape, 2), np.float32), 0
+    for now, then in zip(shot.visible, (one for one in objects if one.visible), strict=True):
+        count = len(now.mesh.positions)
+        at = np.nonzero((aovs.triangle >= first) & (aovs.triangle < first + count))
+        number, first = aovs.triangle[at] - first, first + count
+        if not len(number) or len(then.mesh.positions) != count:
+            continue
+        # The point is corner + a edge + b edge, with a and b by the edges' products (Ericson 2005, section 3.4)
+        corners = now.to_world(now.mesh.positions[number]).astype(np.float64)
+        edge = corners[:, 1:] - corners[:, :1]
+        inner = np.einsum("nik,njk->nij", edge, edge)
+        beside = np.einsum("nik,nk->ni", edge, aovs.position[at] - corners[:, 0])
+        area = inner[:, 0, 0] * inner[:, 1, 1] - inner[:, 0, 1] ** 2
+        turned = np.stack([inner[:, 1, 1], -inner[:, 0, 1], -inner[:, 0, 1], inner[:, 0, 0]], -1).reshape(-1, 2, 2)
+        share = np.einsum("nij,nj->ni", turned, beside) / np.maximum(area, 1e-30)[:, None]
+        after = then.to_world(then.mesh.positions[number]).astype(np.float64)
+        place = after[:, 0] + np.einsum("ni,nik->nk", share, after[:, 1:] - after[:, :1])
+        here = corners[:, 0] + np.einsum("ni,nik->nk", share, edge)
+        x, y = (np.subtract(*one) for one in zip(_seen_at(place, view), _seen_at(here, shot.view), strict=True))
+        moved[at] = np.stack([(x + 0.5 * view.width) % view.width - 0.5 * view.width, -y], axis=-1)
+    return moved
+
+
+def _seen_at(points: Floats, view: View) -> tuple[Floats, Floats]:
+    """Return where in the frame points (n, 3) of the world are seen."""
+    return frame_from_direction((points - view.position) @ view.world_from_camera, view.width, view.height)
+
+
+# --- Cryptomatte ----------------------------------------------------------------------------------------------------
+
+# Mattes of objects and materials by name (Friedman & Jones 2015, and the specification 1.2.0 of Psyop): pairs of a
+# name's hash and its coverage of the pixel, by coverage, two pairs a part.
+
+_RANKS = 6
+"""Names that a pixel keeps."""
+
+
+def murmur(text: str) -> int:
+    """Return the hash MurmurHash3_x86_32 (Appleby) of a text in UTF-8, of seed 0."""
+    data, mixed = text.encode(), 0
+    for start in range(0, len(data), 4):
+        block = data[start : start + 4]
+        k = int.from_bytes(block, "little") * 0xCC9E2D51 & 0xFFFFFFFF
+        mixed ^= ((k << 15 | k >> 17) & 0xFFFFFFFF) * 0x1B873593 & 0xFFFFFFFF
+        if len(block) == 4:
+            mixed = ((mixed << 13 | mixed >> 19) & 0xFFFFFFFF) * 5 + 0xE6546B64 & 0xFFFFFFFF
+    mixed ^= len(data)
+    for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35), (16, 1)):
+        mixed = (mixed ^ mixed >> shift) * factor & 0xFFFFFFFF
+    return mixed
+
+
+def cryptomatte(aovs: Aovs, shot: Shot, names: Sequence[str]) -> tuple[dict[str, Part], dict[str, str]]:
+    """Return the parts of two cryptomattes, CryptoObject and CryptoMaterial, and the header entries that name them.
+
+    names: of the shot's objects. Materials have those of their files. Pieces that share a name are one.
+    """
+    of_objects, of_materials = [], []
+    for placed, name in zip(shot.objects, names, strict=True):
+        if placed.visible:
+            of_objects += [name] * len(placed.mesh.positions)
+            known = [one.name or "default" for one in placed.mesh.materials]
+            of_materials += [known[k] for k in placed.mesh.material.tolist()]
+    parts: dict[str, Part] = {}
+    header: dict[str, str] = {}
+    for layer, of_triangles in (("CryptoObject", of_objects), ("CryptoMaterial", of_materials)):
+        listed = sorted(set(of_triangles))
+        bits = np.array([murmur(name) for name in listed], np.uint32)
+        special = np.isin(bits >> 23 & 255, (0, 255))  # no floats that programs change: zero, denormal, infinite, NaN
+        bits ^= special.astype(np.uint32) << 23
+        ranked = _ranked(aovs, np.searchsorted(listed, of_triangles), bits.view(np.float32))
+        for k in range(_RANKS // 2):
+            four = np.moveaxis(ranked[..., 2 * k : 2 * k + 2, :].reshape(*ranked.shape[:2], 4), -1, 0)
+            name = f"{layer}{k:02d}"
+            parts[name] = {f"{name}.{one}": np.ascontiguousarray(four["RGBA".index(one)]) for one in "RGBA"}
+        manifest = json.dumps({name: f"{number:08x}" for name, number in zip(listed, bits.tolist(), strict=True)})
+        told = {"name": layer, "hash": "MurmurHash3_32", "conversion": "uint32_to_float32", "manifest": manifest}
+        header |= {f"cryptomatte/{murmur(layer):08x}"[:19] + f"/{entry}": value for entry, value in told.items()}
+    return parts, header
+
+
+def _ranked(aovs: Aovs, of_triangle: NDArray[np.int64], hashes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return hashes and coverages (H, W, ranks, 2) of the names that cover most. of_triangle: number of its name."""
+    pixel, triangle, share = aovs.pieces
+    found = np.zeros((aovs.triangle.size, _RANKS, 2), np.float32)
+    if len(pixel):
+        # Sum the shares of one name in one pixel, then number the names of a pixel by their sums
+        key, inverse = np.unique(pixel * len(hashes) + of_triangle[triangle], return_inverse=True)
+        covered = np.bincount(inverse, share)
+        order = np.lexsort((-covered, key // len(hashes)))
+        key, covered = key[order], covered[order]
+        place = key // len(hashes)
+        rank = np.arange(len(key)) - np.searchsorted(place, place)
+        kept = (rank < _RANKS) & (covered > 0.0)
+        found[place[kept], rank[kept]] = np.stack([hashes[key[kept] % len(hashes)], covered[kept]], axis=-1)
+    return found.reshape(*aovs.triangle.shape, _RANKS, 2)
+
+
+# --- Files ----------------------------------------------------------------------------------------------------------
+
 RECIPE = "linear Rec.709, premultiplied by A; composite = RGB + (1 - A) * (plate + receiver_difference)"
 """Comment in the header of a layered file."""
 Part = dict[str, NDArray[np.generic]]
@@ -125,11 +252,14 @@ _FARTHEST_M = 1e10
 _HALF = float(np.finfo(np.float16).max)
 
 
-def exr_parts(layer: Layer, aovs: Aovs, plate_linear: Floats) -> dict[str, dict[str, NDArray[np.generic]]]:
+def exr_parts(
+    layer: Layer, aovs: Aovs, plate_linear: Floats, moved: tuple[Floats, Floats] | None = None
+) -> dict[str, dict[str, NDArray[np.generic]]]:
     """Return the parts of a layered EXR, {part: {channel: array}}, half floats but for depth, position and number.
 
     rgba: the beauty and alpha. depth: Z, the distance along the ray [m], 1e10 where there is none. N, P: X, Y, Z of the
-    normal and the position [m]. id: Y, of the object. diffuse, glossy, sun, lamps, caustics, emission, veil,
+    normal and the position [m]. id: Y, of the object. moved: `motion` to the frames after and before, which become
+    forward and backward: u, v [px]. diffuse, glossy, sun, lamps, caustics, emission, veil,
     shafts (before objects), snow, transmittance, shadow_ratio, plate_shafts (before the plate, a part of the next),
     receiver_difference (of shadow, caustics, lamps and shafts): R, G, B. Every channel is named layer.channel, as the
     format asks for (OpenEXR, "Channel Naming"), except those of rgba and depth, which have standard names.
@@ -144,6 +274,8 @@ def exr_parts(layer: Layer, aovs: Aovs, plate_linear: Floats) -> dict[str, dict[
         "P": {f"P.{axis}": aovs.position[..., k].astype(np.float32) for k, axis in enumerate("XYZ")},
         "id": {"id.Y": aovs.object_id},
     }
+    for name, image in zip(("forward", "backward"), moved or (), strict=False):
+        parts[name] = {f"{name}.u": image[..., 0], f"{name}.v": image[..., 1]}
     return parts | {name: {name: _half(image)} for name, image in colours.items()}
 
 

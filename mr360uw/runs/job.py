@@ -24,7 +24,7 @@ from mr360uw import __version__
 from mr360uw.base.cache import Cache
 from mr360uw.base.files import WrittenFiles, numbered
 from mr360uw.base.progress import Behind, one_blas_thread, prefetch, share_of_cores
-from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
+from mr360uw.composite.aovs import RECIPE, cryptomatte, exr_parts, motion, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError, ParameterError, VideoError, install_command, optional
 from mr360uw.render.first_pass import ClipAnalysis
@@ -69,15 +69,33 @@ class RunTimes:
         self.renderers.update(other.renderers)
 
 
-def _layers(frame: Frame) -> tuple[dict[str, LayerPart], dict[str, str]]:
-    """Return the parts of a frame's layered EXR, and the view of each where there are two eyes."""
+def _layers(
+    loaded: Loaded, shots: FrameShots, frame: Frame, step_s: float
+) -> tuple[dict[str, LayerPart], dict[str, str], dict[str, str]]:
+    """Return the parts of a frame's layered EXR, the view of each where there are two eyes, and what its header says.
+
+    step_s: time [s] to the frames after and before, to which the surfaces move.
+    """
+    names: list[str] = []
+    for settings in loaded.scene.objects:  # a mesh that stands twice has a number
+        stem = settings.mesh.stem
+        names.append(stem if stem not in names else f"{stem}_{len(names) + 1}")
     eyes = {"left": frame} if frame.right is None else {"left": frame, "right": frame.right}
-    parts = {
-        name: exr_parts(eye.layer, eye.variables, eye.plate.image_linear)
-        for name, eye in eyes.items()
-        if eye.variables is not None
-    }
-    return (parts["left"], {}) if len(parts) == 1 else stereo_parts(parts)
+    parts: dict[str, dict[str, LayerPart]] = {}
+    told: dict[str, str] = {}
+    for (name, eye), (_, instants) in zip(eyes.items(), shots.eyes, strict=True):
+        if eye.variables is None:
+            continue
+        at, moved = instants[-1], []
+        for k in (1, -1):
+            then_s = at.time_s + k * step_s
+            then = loaded.at(then_s, at.now)
+            view = then.view(then_s)
+            place = then_s, frame.plate.index + k, view.position, view.world_from_camera
+            moved.append(motion(eye.variables, at.shot, [one.at(*place) for one in then.objects], view))
+        mattes, told = cryptomatte(eye.variables, at.shot, names)
+        parts[name] = exr_parts(eye.layer, eye.variables, eye.plate.image_linear, (moved[0], moved[1])) | mattes
+    return (parts["left"], {}, told) if len(parts) == 1 else (*stereo_parts(parts), told)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,9 +190,9 @@ class OpenJob:
         times.frames.update(all=1, empty=int(not frame.layer.tiles), sunless=int(sunless))
         times.frames[frame.plate.damage] += 1
         if self.job.layers is not None and frame.variables is not None:
-            parts, views = _layers(frame)
+            parts, views, header = _layers(self.loaded, shots, frame, 1.0 / float(self.video.frame_rate or 1.0))
             file = numbered(self.job.layers, frame.plate.index + self.video.first_number)
-            told = {"comments": RECIPE, "software": f"mr360uw {__version__}"}
+            told = {"comments": RECIPE, "software": f"mr360uw {__version__}"} | header
             told |= exr_attributes(self.video, frame.plate.index)
             write_exr(file, parts, attributes=told, views=views, file=files.file)
             since = times.add("layers", since)

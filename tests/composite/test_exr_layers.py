@@ -3,17 +3,22 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
 import pytest
 
-from mr360uw.composite.aovs import RECIPE, exr_parts
+from mr360uw.base.sphere import frame_from_direction, yaw_matrix
+from mr360uw.composite.aovs import RECIPE, Aovs, cryptomatte, exr_parts, motion, murmur
 from mr360uw.composite.reference import render_aovs
-from mr360uw.composite.shot import Receiver
+from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.composite.tiles import over
+from mr360uw.render.frame import Gl
 from mr360uw.types import Floats
 from mr360uw.video import write_exr
 from tests.composite import tolerances as tol
@@ -109,3 +114,78 @@ def test_the_program_that_asks_other_readers_finds_what_they_read_otherwise(
         assert says in dict(differences(expected, found | {"depth": changed}))["depth"]
     del found["id"]
     assert dict(differences(expected, found))["id"] == "not listed"
+
+
+# --- Motion and Cryptomatte -------------------------------------------------------------------------------------------
+
+
+def variables_of(*bodies: PlacedObject, **more: Any) -> tuple[Aovs, Shot, Floats]:
+    """Return the output variables of bodies, their shot and its coverage."""
+    scene = shot(*bodies, width=128, sun=None, **more)
+    layer, variables = render_aovs(scene)
+    return variables, scene, layer.alpha
+
+
+def test_a_turning_camera_moves_everything_by_its_angle() -> None:
+    """Also over the seam: the shorter way counts."""
+    bodies = placed(sphere(), (0.1, -0.5, -2.2)), placed(sphere(), (0.0, 0.3, 2.0))
+    variables, scene, alpha = variables_of(*bodies)
+    view = replace(scene.view, world_from_camera=yaw_matrix(np.radians(20.0)))
+    moved = motion(variables, scene, bodies, view)
+    there = variables.object_id > 0
+    right = view.world_from_camera.T @ [0.0, 0.0, -1.0]
+    angle = np.arctan2(right[0], -right[2])
+    np.testing.assert_allclose(moved[there, 0], angle / (2.0 * np.pi) * 128, atol=tol.PIXELS_MOVED)
+    np.testing.assert_allclose(moved[there, 1], 0.0, atol=tol.PIXELS_MOVED)
+    assert not np.any(moved[alpha == 0.0])
+    assert not np.any(motion(variables, scene, bodies, scene.view))
+
+
+def test_points_of_a_body_that_moves_and_grows_are_followed() -> None:
+    middle = np.array([0.1, -0.4, -2.0])
+    variables, scene, _ = variables_of(placed(sphere(), middle))
+    step = np.array([0.3, 0.2, 0.1])
+    then = placed(sphere(), middle + step)
+    then = replace(then, mesh=replace(then.mesh, positions=1.2 * then.mesh.positions))
+    moved, there = motion(variables, scene, [then], scene.view), variables.object_id > 0
+    now = variables.position[there]
+    places = [frame_from_direction(p, 128, 64) for p in (now, middle + step + 1.2 * (now - middle))]
+    expected = np.stack([places[1][0] - places[0][0], places[0][1] - places[1][1]], axis=-1)
+    np.testing.assert_allclose(moved[there], expected, atol=tol.MEAN_POINT)
+
+
+@pytest.mark.parametrize(("text", "number"), [
+    ("", 0), ("hello", 0x248BFA47), ("hello, world", 0x149BBB7F),
+    ("The quick brown fox jumps over the lazy dog", 0x2E4FF723),
+])  # fmt: skip
+def test_hashes_are_those_of_murmur(text: str, number: int) -> None:
+    assert murmur(text) == number
+
+
+@pytest.mark.parametrize("backend", ["reference", "gl"])
+def test_a_cryptomatte_names_what_covers_each_pixel(backend: str, request: pytest.FixtureRequest) -> None:
+    near, far = placed(sphere(), (0.2, -0.3, -1.5)), placed(sphere(), (-0.4, -0.2, -2.5))
+    variables, scene, alpha = variables_of(near, far)
+    if backend == "gl":
+        request.getfixturevalue("gl")
+        layer, found = Gl().layer(scene, variables=True)
+        assert found is not None
+        variables, alpha = found, layer.alpha
+    parts, header = cryptomatte(variables, scene, ["whale", "wreck"])
+    told = {key.rsplit("/", 1)[1]: value for key, value in header.items() if value and "Object" in header[_name(key)]}
+    names = {np.uint32(int(bits, 16)).view(np.float32): name for name, bits in json.loads(told["manifest"]).items()}
+    assert sorted(names.values()) == ["whale", "wreck"]
+    of = {name: image for k in range(3) for name, image in parts[f"CryptoObject{k:02d}"].items()}
+    pairs = [
+        (of[f"CryptoObject{k:02d}.{a}"], of[f"CryptoObject{k:02d}.{b}"]) for k in range(3) for a, b in ("RG", "BA")
+    ]
+    np.testing.assert_allclose(sum(cover for _, cover in pairs), alpha, atol=tol.FLOAT32)
+    assert all(np.all(one[1] >= other[1]) for one, other in pairwise(pairs))
+    first = np.vectorize(lambda bits: {"whale": 1, "wreck": 2}.get(names.get(bits, ""), 0))(pairs[0][0])
+    np.testing.assert_array_equal(first[alpha > 0.99], variables.object_id[alpha > 0.99])
+    both = (pairs[1][1] > 0.0) & (pairs[0][1] > 0.0)
+    assert np.any(both)  # where one stands before the other
+
+
+def _name(key: str) -> str:
+    return key.rsplit("/", 1)[0] + "/name"

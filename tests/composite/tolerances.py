@@ -215,3 +215,7 @@ BLUR_ENERGY = 0.01
 """Light of blurred bodies over all of it: a Gaussian is cut off after three deviations, and rows at a pole are few."""
 BLUR_PHOTONS = 0.03
 """Shares of light within angles by Gaussians on cells of 0.75 degrees, and by photons in the small-angle limit."""
+PIXELS_MOVED = 0.002
+"""Pixels that a camera's turn moves a body by: positions are kept in single precision."""
+MEAN_POINT = 0.05
+"""Pixels that a body's points move by: that of a pixel is the mean of its samples, which need not lie in one triangle."""
