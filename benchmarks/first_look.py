@@ -25,7 +25,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from mr360uw.base.color import encode
 from mr360uw.errors import Mr360uwError
 from mr360uw.first_look.first_scene import make_first_scene
-from mr360uw.preview.live import LivePreview, Perspective, look
+from mr360uw.preview.live import LivePreview
+from mr360uw.preview.screen import Perspective, look
 from mr360uw.render.loaded import load
 from mr360uw.scene.model import Scene, load_scene
 

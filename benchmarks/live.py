@@ -24,8 +24,9 @@ import av
 import cv2
 import numpy as np
 
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview, screen_picture
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.live import coarse as draft_of
+from mr360uw.preview.screen import screen_picture
 from mr360uw.sample import sample_dive
 from mr360uw.scene.model import PlateSettings, Scene, load_scene
 from mr360uw.scene.resolved import open_plate

@@ -288,7 +288,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("medium/wavelengths.py", "illuminant(illuminant_name)\n    if rule", "illuminant(\"equal-energy\")\n    if rule",
      "medium/test_bands.py"),
     ("medium/wavelengths.py", "0.5 * (edge[:-1] + edge[1:])", "edge[:-1]", "medium/test_bands.py"),
-    ("preview/live.py", "/ (0.5 * self.width) - 1.0)", "/ self.width - 1.0)", "preview/test_still.py"),
+    ("preview/screen.py", "/ (0.5 * self.width) - 1.0)", "/ self.width - 1.0)", "preview/test_still.py"),
     ("preview/pages.py", "float(live.plates.reader(scene).frame_rate) + 1e-6)",
      "float(live.plates.reader(scene).frame_rate)) + 1", "preview/test_still.py"),
     ("published/__init__.py", "1.0 + (peak - 1.0) * np.square(", "1.0 + peak * np.square(", "ibl/test_expansion.py"),

@@ -29,11 +29,8 @@ from mr360uw.base.sphere import direction_from_angles  # noqa: E402
 from mr360uw.caustics import GerstnerSea, caustic_map  # noqa: E402
 from mr360uw.from_above import AerialScene, aerial_film  # noqa: E402
 from mr360uw.medium import JERLOV_TYPES, Medium, Sensor, Water  # noqa: E402
-from mr360uw.preview.live import (  # noqa: E402
-    LivePreview,
-    Perspective,
-    look,
-)
+from mr360uw.preview.live import LivePreview  # noqa: E402
+from mr360uw.preview.screen import Perspective, look  # noqa: E402
 from mr360uw.sample import Dive, DiveSettings, sample_dive  # noqa: E402
 from mr360uw.sample.dive import with_noise, write_whale  # noqa: E402
 from mr360uw.sample.dive_settings import PRESETS  # noqa: E402

@@ -24,7 +24,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from mr360uw.base.sphere import directions
-from mr360uw.preview.live import Perspective, look
+from mr360uw.preview.screen import Perspective, look
 from mr360uw.types import Floats
 
 _VIEWS = {

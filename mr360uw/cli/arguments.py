@@ -25,7 +25,7 @@ from mr360uw.base.input_files import unreadable
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
-    from mr360uw.preview.live import Perspective
+    from mr360uw.preview.screen import Perspective
 
 
 class Role(Enum):
@@ -122,7 +122,7 @@ def view_of(text: str | None, size: str) -> Perspective | None:
     """Return the view of 'yaw,pitch,fov' in degrees, whose end may be left out, and of a size '1280x720'."""
     if text is None:
         return None
-    from mr360uw.preview.live import Perspective
+    from mr360uw.preview.screen import Perspective
 
     try:
         angles = [float(part) for part in text.split(",")]

@@ -153,7 +153,7 @@ def _matched_caustics(
 
     from mr360uw.base.files import write_whole
     from mr360uw.match import match_caustics
-    from mr360uw.preview.live import encoded
+    from mr360uw.preview.screen import encoded
 
     found = match_caustics(scene, frames, progress=progress)
     lines = [found.sentence, f"confidence {found.confidence:.2f}", *(f"--set {change}" for change in found.overrides)]

@@ -34,7 +34,8 @@ from mr360uw.first_look.proposal import (
     scene_lines,
     summary_line,
 )
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview, Perspective, coarse, look, narrowed, screen_picture
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse
+from mr360uw.preview.screen import Perspective, look, narrowed, screen_picture
 from mr360uw.render.check import possible_outputs
 from mr360uw.render.frame import Frame
 from mr360uw.render.loaded import Loaded

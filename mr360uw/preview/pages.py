@@ -24,7 +24,8 @@ from mr360uw.ibl.sun.track import SunTrack, angles_deg
 from mr360uw.ibl.tilt import HorizonEstimate, clip_horizon, roll_pitch
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.plot import svg_plot
-from mr360uw.preview.live import LivePreview, Perspective, encoded, look, narrowed
+from mr360uw.preview.live import LivePreview
+from mr360uw.preview.screen import Perspective, encoded, look, narrowed
 from mr360uw.render.check import sun_lines
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.lights import plate_map

@@ -81,7 +81,7 @@ class FrameResult:
 
     def _repr_png_(self) -> bytes:
         """Return the frame as a notebook shows it: 8-bit sRGB, at most 1024 pixels wide."""
-        from mr360uw.preview.live import LARGEST_WIDTH, screen_picture
+        from mr360uw.preview.screen import LARGEST_WIDTH, screen_picture
 
         return screen_picture(self.image_linear, ".png", width=LARGEST_WIDTH)
 

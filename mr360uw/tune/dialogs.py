@@ -17,7 +17,7 @@ from mr360uw import match
 from mr360uw.base.constants import DEPTH_EYES_S, DEPTH_FRAME_S
 from mr360uw.base.files import write_whole
 from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.preview.live import encoded
+from mr360uw.preview.screen import encoded
 from mr360uw.scene.model import Scene
 from mr360uw.tune.controls import Button, Choice, Text, text_input
 from mr360uw.tune.placing import Point

@@ -20,7 +20,8 @@ import numpy as np
 
 from mr360uw.base.input_files import Stamp, files_read, stamp
 from mr360uw.errors import Mr360uwError
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse, encoded
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse
+from mr360uw.preview.screen import encoded
 from mr360uw.scene.model import Scene
 from mr360uw.tune.views import CHARTS, VIEWS, ShownFrame
 from mr360uw.video.writer import picture_codes

@@ -16,7 +16,8 @@ from typing import Any, Literal
 
 from mr360uw.base.progress import Progress
 from mr360uw.errors import Mr360uwError, ParameterError, install_command
-from mr360uw.preview.live import LivePreview, screen_picture
+from mr360uw.preview.live import LivePreview
+from mr360uw.preview.screen import screen_picture
 from mr360uw.scene.model import Scene, load_scene
 from mr360uw.scene.toml_model import dotted, scene_text, tables_of
 from mr360uw.tune.document import Document, Observed, find, key_of

@@ -20,8 +20,8 @@ from mr360uw.composite.shading import veil_ahead
 from mr360uw.composite.shot import PlacedObject, Receiver
 from mr360uw.ibl.lighting import turned
 from mr360uw.medium.scattered_light import spread_of
-from mr360uw.preview.live import narrowed
 from mr360uw.preview.pages import marked
+from mr360uw.preview.screen import narrowed
 from mr360uw.render.frame import Backend, Frame
 from mr360uw.render.loaded import Loaded
 from mr360uw.tune.placing import Point, pixel_of_point

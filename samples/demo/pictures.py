@@ -14,7 +14,7 @@ from PIL import Image
 
 import mr360uw as uw
 from mr360uw.base.color import encode
-from mr360uw.preview.live import Perspective, look
+from mr360uw.preview.screen import Perspective, look
 from mr360uw.types import Floats
 
 HERE = Path(__file__).resolve().parent

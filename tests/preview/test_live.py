@@ -13,7 +13,8 @@ import pytest
 
 from mr360uw.base.cache import name_of
 from mr360uw.errors import MeshError, Mr360uwError, VideoError
-from mr360uw.preview.live import LivePreview, coarse, screen_codes, screen_picture
+from mr360uw.preview.live import LivePreview, coarse
+from mr360uw.preview.screen import screen_codes, screen_picture
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import composite_frame, make_backend
 from mr360uw.render.loaded import load

@@ -15,8 +15,9 @@ import mr360uw as uw
 from mr360uw.base.sphere import direction_from_angles, directions
 from mr360uw.cli import app
 from mr360uw.cli.arguments import variants, view_of
-from mr360uw.preview.live import LivePreview, Perspective, look
+from mr360uw.preview.live import LivePreview
 from mr360uw.preview.pages import LARGEST_SHEET, still_of
+from mr360uw.preview.screen import Perspective, look
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import Scene, at_scale, load_scene
 from mr360uw.scene.resolved import open_plate

@@ -15,7 +15,7 @@ import numpy as np
 from fastapi import Request, Response
 from nicegui import app, ui
 
-from mr360uw.preview.live import encoded
+from mr360uw.preview.screen import encoded
 from mr360uw.tune.controls import Timeline
 from mr360uw.tune.placing import Point
 from mr360uw.tune.situation import Marker, Viewer

@@ -18,7 +18,8 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
-from mr360uw.preview.live import LivePreview, encoded
+from mr360uw.preview.live import LivePreview
+from mr360uw.preview.screen import encoded
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import load_scene
 from mr360uw.tune import placing

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mr360uw.preview.live import Perspective
+from mr360uw.preview.screen import Perspective
 from mr360uw.tune import placing
 from mr360uw.tune.placing import Point
 from tests.tune.browser import chromium, served, started
