@@ -117,7 +117,7 @@ def with_blur(
             tile = replace(tile, shafts=np.ascontiguousarray(shafts, np.float32))
         if np.any(cells[window][..., 3]):
             radiance = tile.radiance.copy()
-            _blur_bodies(radiance, tile.alpha, tile.distance_m, part.row, part.column, table, side, behind, beside)
+            _blur_bodies(radiance, tile.alpha, tile.distance_m, (part.row, part.column), table, side, behind, beside)
             tile = replace(tile, radiance=radiance)
         tiles.append(tile)
     if variables is not None:
@@ -153,7 +153,7 @@ def _ground_change(
     One line of pixels stands for a row of cells. share: (rows, columns) of cells that bodies cover.
     """
     found = np.zeros((*share.shape, 3), np.float32)
-    for tile in layer.tiles:
+    for tile in layer.tiles if shot.receiver is not None else ():
         # The first line in the middle of a row of cells
         part = tile.rectangle
         first = (side // 2 - part.row) % side
@@ -171,7 +171,9 @@ def _ground_change(
         plate = behind[here]
         found[here] += (plate - np.minimum(haze / wide, plate)) * dimmed / side
     found *= 1.0 - share[..., None]
-    at = places_in_mask(np.einsum("jic->ji", np.abs(found)) > _LEAST_GROUND * np.einsum("jic->ji", behind))
+    at = places_in_mask(
+        np.einsum("jic,jic->ji", found, found) > _LEAST_GROUND**2 * np.einsum("jic,jic->ji", behind, behind)
+    )
     x, y = (at[1] + 0.5) * side, np.minimum((at[0] + 0.5) * side, shot.view.height - 0.5)
     far = plate_distance(shot, x, y, np.asarray(shot.view.directions(x, y), np.float64), cache)
     near = np.isfinite(far)
@@ -218,8 +220,10 @@ def _spread(
     wide: (k,) Gaussians that are wide enough to show. at: rows and columns of cells. turned: (n, 3) light of theirs
     that has turned, from distances (n,).
     """
-    weight, sigma = spread.weights(distance_m), spread.angle_rad * shape[1] / (2.0 * PI)
     grids = [np.zeros((*shape, 3), np.float32)]
+    if not len(turned):
+        return grids[0]
+    weight, sigma = spread.weights(distance_m), spread.angle_rad * shape[1] / (2.0 * PI)
     while grids[-1].shape[1] > _COARSEST and not grids[-1].shape[0] % 2 and not grids[-1].shape[1] % 2:
         rows, columns, _ = grids[-1].shape
         grids.append(np.zeros((rows // 2, columns // 2, 3), np.float32))
@@ -296,14 +300,14 @@ def _blur(source: Any, sigma: Any, cosine: Any, out: Any) -> None:
 
 @fast
 def _blur_bodies(
-    radiance: Any, alpha: Any, metres: Any, row: int, column: int, table: Any, side: int, behind: Any, beside: Any
+    radiance: Any, alpha: Any, metres: Any, place: Any, table: Any, side: int, behind: Any, beside: Any
 ) -> None:
-    """Blur the bodies of a tile, whose first pixel is at (row, column), in its radiance (h, w, 3).
+    """Blur the bodies of a tile, whose first pixel is at place, in its radiance (h, w, 3).
 
     table: numbers of `_by_distance` (4, n, 3) at distances of `_LENGTH_M`. behind, beside: (rows, columns, 3) light of
     the plate, and light that has turned, in cells.
     """
-    rows, columns, _ = behind.shape
+    (rows, columns, _), (row, column) = behind.shape, place
     for j in range(alpha.shape[0]):
         # Cells above and below this line
         y = max((row + j + 0.5) / side - 0.5, 0.0)
