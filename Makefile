@@ -7,7 +7,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 SUPPORTED := >=3.11,<3.14
 
-.PHONY: demo test test-fast lint bench docs wheel lock clean
+.PHONY: demo test test-fast lint bench docs wheel release lock clean
 .DEFAULT_GOAL := demo
 
 # $(call install,EXTRAS): the package with its extras, at the versions of the lock
@@ -88,6 +88,16 @@ wheel: $(VENV)/.installed-docs  ## wheel with kernels for each Python that is fo
 		missing=$$(find $$try/kept/kernels -name '*.nbc' -size +1k | wc -l) && \
 		echo "$$try: the wheel lacks $$missing kernels of a composite" && test $$missing -lt 10 || exit 1; \
 	done
+
+release:  ## make release VERSION=1.2.3: names the version where it stands, cuts the changelog, and packs dist with its checksums
+	@echo '$(VERSION)' | grep -qE '^[0-9]+\.[0-9]+\.[0-9]+$$' || { echo 'make release needs VERSION=1.2.3'; exit 1; }
+	@grep -q '^## \[$(VERSION)\]' CHANGELOG.md && { echo '$(VERSION) is in CHANGELOG.md already'; exit 1; } || true
+	old=$$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml) && sed -i "s/$$(echo $$old | sed 's/\./\\./g')/$(VERSION)/" \
+		pyproject.toml mr360uw/__init__.py CITATION.cff docs/citing.md docs/install.md
+	sed -i "s/^date-released: .*/date-released: $$(date +%F)/" CITATION.cff
+	sed -i "s/^## \[Unreleased\]$$/## [Unreleased]\n\n## [$(VERSION)] - $$(date +%F)/" CHANGELOG.md
+	$(MAKE) wheel
+	cd dist && sha256sum mr360uw-* > SHA256SUMS && cat SHA256SUMS
 
 lock:  ## the newest versions that go together on each Python, into requirements.lock (needs uv)
 	uv pip compile --quiet --universal --python-version 3.11 --all-extras --no-annotate --upgrade \

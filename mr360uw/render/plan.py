@@ -109,6 +109,18 @@ def shafts_stage(
     return Stage(True, f"by {', '.join(by)}; {number}{least}")
 
 
+def blur_stage(scene: Scene, objects: Facts, medium: MediumTable | None) -> Stage:
+    """Return whether the water blurs objects: closed forms and fitted formations do not tell how light turns."""
+    if not objects or medium is None:
+        return Stage(False, "no objects" if not objects else 'water is "none"')
+    told = scene.water.mode in ("table", "plate")
+    return stage(
+        scene.water.blur and told,
+        "the water turns light of objects by small angles",
+        f'water.mode "{scene.water.mode}" does not tell how light turns' if not told else "switched off",
+    )
+
+
 def surface_stage(scene: Scene, objects: Facts, medium: MediumTable | None) -> Stage:
     """Return whether the surface shows and cuts objects: those near it whose image the water leaves bright enough."""
     settings = scene.surface
@@ -285,11 +297,7 @@ def make_plan(
             + ("move" if any(o.moves for o in objects) else "stand still: geometry is kept between frames"),
             "no objects: the plate goes through untouched",
         ),
-        blur=stage(
-            bool(objects) and medium is not None and scene.water.blur and scene.water.mode in ("table", "plate"),
-            "the water turns light of objects by small angles",
-            "no objects" if not objects else 'water is "none"' if medium is None else "switched off",
-        ),
+        blur=blur_stage(scene, objects, medium),
         surface=surface_stage(scene, objects, medium),
         snow=snow, match=match_stage(scene, visible),
         grain=stage(
