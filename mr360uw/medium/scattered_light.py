@@ -238,13 +238,11 @@ _STEPS = 24
 """Gauss-Legendre nodes along the path."""
 
 
-def spread_factor(phase: Phase, tau: Array, x: Array) -> Array:
-    """Return M (len(tau), len(x)) of a particle phase function. x: cycles per radian."""
-    return _factor(*forward_peak(phase), tau, x)
+def spread_factor(theta: Array, weight: Array, tau: Array, x: Array) -> Array:
+    """Return M (len(tau), len(x)) of angles (n,) [rad] and the fractions (n,) of light that turns by them.
 
-
-def _factor(theta: Array, weight: Array, tau: Array, x: Array) -> Array:
-    """Return M (len(tau), len(x)) of small angles (n,) and the fractions (n,) of light that turns by them."""
+    x: cycles per radian.
+    """
     return np.exp(-np.asarray(tau, np.float64)[:, None] * (1.0 - _mean_transform(theta, weight, x)))
 
 
@@ -277,7 +275,7 @@ def _fitted_weights(theta: Array, weight: Array) -> Array:
 
     gaussians = np.exp(-2.0 * (PI * _ANGLES_RAD * _FREQUENCIES[:, None]) ** 2)
     unturned = np.exp(-_DEPTHS)[:, None]
-    turned = (_factor(theta, weight, _DEPTHS, _FREQUENCIES) - unturned) / -np.expm1(-_DEPTHS)[:, None]
+    turned = (spread_factor(theta, weight, _DEPTHS, _FREQUENCIES) - unturned) / -np.expm1(-_DEPTHS)[:, None]
     system = np.vstack([gaussians, np.full((1, len(_ANGLES_RAD)), 1e3)])
     rows = np.array([nnls(system, np.append(row, 1e3))[0] for row in turned])
     return np.asarray(rows / rows.sum(axis=1, keepdims=True))

@@ -18,7 +18,7 @@ PHASES = ("petzold", ("hg", 0.924), ("fournier-forand", 1.1, 3.5835))
 def test_limits_of_the_factor(phase) -> None:
     """No light is lost; the finest pattern is that of light that has not turned; wide ones fade by the variance."""
     tau, x = np.array([0.3, 2.0]), np.array([0.0, 0.02, 3e4])
-    factor = spread_factor(phase, tau, x)
+    factor = spread_factor(*forward_peak(phase), tau, x)
     np.testing.assert_allclose(factor[:, 0], 1.0, atol=tol.FLOAT64)
     np.testing.assert_allclose(factor[:, 2], np.exp(-tau), atol=tol.FINEST_PATTERN)
     theta, share = forward_peak(phase)
@@ -37,7 +37,7 @@ def test_the_factor_is_that_of_photons(rng: np.random.Generator, phase) -> None:
         angle = rng.choice(theta, count, p=share) * np.cos(rng.uniform(0.0, 2.0 * np.pi, count))
         offset += np.where(turns > turn, angle * rng.uniform(0.0, 1.0, count), 0.0)
     photons = np.mean(np.cos(2.0 * np.pi * x[:, None] * offset), axis=1)
-    np.testing.assert_allclose(spread_factor(phase, np.array([tau]), x)[0], photons, atol=tol.PHOTONS)
+    np.testing.assert_allclose(spread_factor(*forward_peak(phase), np.array([tau]), x)[0], photons, atol=tol.PHOTONS)
 
 
 @pytest.mark.parametrize("phase", PHASES)
@@ -48,7 +48,7 @@ def test_gaussians_stand_for_the_factor(phase) -> None:
         assert weights.min() >= 0.0
         assert weights.sum() == pytest.approx(1.0)
         turned = weights @ np.exp(-2.0 * (np.pi * spread.angle_rad[:, None] * x) ** 2)
-        expected = spread_factor(phase, np.array([0.4 * path_m]), x)[0]
+        expected = spread_factor(*forward_peak(phase), np.array([0.4 * path_m]), x)[0]
         np.testing.assert_allclose(left + (1.0 - left) * turned, expected, atol=tol.SUM_OF_GAUSSIANS)
 
 
