@@ -463,9 +463,19 @@ def sweep(
     >>> study.measure.dims
     ('camera.depth_m', 'measure_0')
     """
-    axes = {name: list(some) for name, some in values.items()}
+    listed = {
+        name: isinstance(some, Sequence | np.ndarray) and not isinstance(some, str) for name, some in values.items()
+    }
+    axes = {
+        name: [one.item() if isinstance(one, np.generic) else one for one in some] if listed[name] else []
+        for name, some in values.items()
+    }
     if not axes or not all(axes.values()):
-        raise ParameterError(f'values - has none (got {axes!r}) - give some for each key, as {{"water.type": ["IB"]}}')
+        raise ParameterError(
+            f'values - needs a list for each key (got {values!r:.80}) - give one, as {{"water.type": ["IB", "II"]}}'
+        )
+    if not (client is None or hasattr(client, "gather")):
+        raise ParameterError(f"client - is none of Dask (got {client!r:.40}) - make a dask.distributed.Client")
     # Make and check all variants, then draw and measure them
     combinations = list(itertools.product(*axes.values()))
     variants = [

@@ -154,5 +154,8 @@ def brightness(result: uw.FrameResult) -> float:
 def test_a_study_checks_all_of_its_values_first(scene: uw.Scene) -> None:
     with pytest.raises(uw.SceneError, match="depth_m"):
         uw.sweep(scene, {"camera.depth_m": [3.0, "deep"]}, pytest.fail)
-    with pytest.raises(uw.ParameterError, match="values - has none"):
-        uw.sweep(scene, {"camera.depth_m": []})
+    for none in ([], 3.0, "IB"):
+        with pytest.raises(uw.ParameterError, match="values - needs a list"):
+            uw.sweep(scene, {"camera.depth_m": none})
+    with pytest.raises(uw.ParameterError, match="client - "):
+        uw.sweep(scene, {"camera.depth_m": [3.0]}, client="tcp://farm:8786")

@@ -112,7 +112,7 @@ GOOD: dict[str, Any] = {
     "phase_rad": 0.0, "response": np.full((4, 3), 0.3), "rows": 8, "columns": 16, "slices": 4,
     "source": "nowhere.mp4", "steepness": 0.5, "tile_m": 8.0, "value": [1.0, 1.0], "water_type": "IB",
     "wave_vector": np.ones((3, 2)), "width": 64, "index": 0, "y": 0.5, "shot": None, "tile": None, "yuv": None,
-    "metadata": None, "error": None, "n_dot_v": 0.5, "name": "D65",
+    "metadata": None, "error": None, "n_dot_v": 0.5, "name": "D65", "values": {"camera.depth_m": [3.0]},
     "near_m": 2.0, "neighbours": (), "out": "there.txt/out.mp4", "path": "there.txt/nowhere.csv", "picture": None,
     "plate": IMAGE, "plate_linear": IMAGE, "radiance": IMAGE, "radiance_map": IMAGE, "reference": EYE,
     "refractive_index": 1.34, "result": STACK, "rgb": np.ones(3), "right": np.zeros((32, 64)), "roughness": 0.5,
@@ -133,7 +133,7 @@ OWN: dict[str, dict[str, Any]] = {
     "WaterPatch": {"yaw_deg": 0.0, "pitch_deg": 0.0, "size_deg": 9.0},
     "check_recording": {"width": 64, "frames": 1, "samples": 1}, "transcode": {"target": "there.txt/out.mp4"},
     "export_tiles": {"settings": SMALL},
-    "render_frame": {"backend": "reference"}, "Compositor": {"backend": "reference"},
+    "render_frame": {"backend": "reference"}, "sweep": {"backend": "reference"}, "Compositor": {"backend": "reference"},
 }  # fmt: skip
 """Good arguments of single calls, where those of other calls with the same name differ, or the default takes long."""
 OBJECTS: tuple[Any, ...] = (WATER, Sensor.cie1931(), FIELD, STILL, uw.Compositor(SCENE, backend="reference"))
