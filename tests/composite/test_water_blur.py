@@ -94,7 +94,10 @@ def test_marks_on_a_body_lose_contrast_with_distance_and_none_is_drawn_out_of_si
 def test_a_dark_body_before_bright_water_takes_no_more_than_the_plate_shows(harbour: Medium) -> None:
     layer = blurred(harbour, 0.0, 60.0, 240.0, 0.3, DISTANCE_M)
     assert min(float(tile.radiance.min()) for tile in layer.tiles) >= 0.0
-    assert change_of(layer).min() >= -PLATE
+    change, solid = change_of(layer), row_solid_angle(WIDTH, HEIGHT)[:, None]
+    assert change.min() >= -PLATE
+    body = directions(WIDTH, HEIGHT) @ direction_from_frame(240.0, 60.0, WIDTH, HEIGHT) > np.cos(0.3)
+    assert np.all(np.einsum("hwc,hw->c", change, solid * np.ones(WIDTH)) >= -PLATE * np.sum(solid * body))
 
 
 def test_water_without_light_turned_by_small_angles_does_not_blur() -> None:
