@@ -234,9 +234,13 @@ class SceneObject:
 
     def highest_m(self, camera_m: float) -> float:
         """Return an upper bound [m] of its height in the world, for a camera that stays below `camera_m`."""
-        reach = max(float(np.linalg.norm(mesh.hull, axis=-1).max()) for mesh in self.meshes) * self.motion.scale
+        hull = np.concatenate([mesh.hull.reshape(-1, 3) for mesh in self.meshes])
+        reach = float(np.linalg.norm(hull, axis=-1).max()) * self.motion.scale
         if self.settings.attach == "camera":
             return camera_m + float(np.max(np.linalg.norm(self.motion.position, axis=-1) + reach))
+        # Of a body that does not turn the top is known; one that does is taken as a ball about its origin
+        if self.afloat is None and not np.ptp(self.motion.rotation, axis=0).any():
+            reach = float(np.max(hull @ self.motion.rotation[0][1])) * self.motion.scale
         return float(np.max(self.motion.position[:, 1] + reach))
 
     @property

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from mr360uw.composite.motion import object_motion, read_camera_track, rotation_matrix
 from mr360uw.composite.settings import KeySettings, ObjectSettings
+from mr360uw.composite.shot import SceneObject
 from mr360uw.errors import ParameterError
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box
@@ -82,3 +83,19 @@ def test_camera_track(tmp_path: Path) -> None:
         read_camera_track(path)
     with pytest.raises(ParameterError, match="no such file"):
         read_camera_track(tmp_path / "none.csv")
+
+
+def test_the_top_of_a_body_that_does_not_turn_is_known() -> None:
+    """A long one that lies level does not reach the surface; one that turns may."""
+    long = box((8.0, 1.0, 1.0))
+
+    def top(*keys: KeySettings, turn: tuple[float, float, float] = (30.0, 0.0, 0.0)) -> float:
+        settings = ObjectSettings(mesh="box.glb", position_m=(0, 1, -9), rotation_deg=turn, scale=2.0, key=keys)
+        return SceneObject(settings, (long,), object_motion(settings, long)).highest_m(0.0)
+
+    assert top() == pytest.approx(1.0 + 2.0 * 0.5)
+    assert top(turn=(0.0, 0.0, 90.0)) == pytest.approx(1.0 + 2.0 * 4.0)
+    rises = KeySettings(time_s=0.0, position_m=(0, 1, -9)), KeySettings(time_s=1.0, position_m=(0, 3, -9))
+    assert top(*rises) == pytest.approx(3.0 + 2.0 * 0.5)
+    turns = rises[0], KeySettings(time_s=1.0, position_m=(0, 3, -9), rotation_deg=(0, 45, 0))
+    assert top(*turns) >= 3.0 + 2.0 * np.hypot(4.0, 0.5)
