@@ -22,8 +22,9 @@ from pydantic import NonNegativeInt, PositiveInt
 
 from mr360uw.base.files import check_outputs, write_whole
 from mr360uw.base.input_files import read_text
-from mr360uw.base.parameters import checked, file_path, instance, numbers
+from mr360uw.base.parameters import Parameters, checked, file_path, instance, numbers
 from mr360uw.errors import ParameterError, install_command, optional
+from mr360uw.medium.layers import LayeredField
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.transfer import LightField
 from mr360uw.medium.water import Water
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
     from mr360uw.runs.compositor import FrameResult
 
-_UNITS = {"wavelength_nm": "nm", "distance_m": "m", "depth_m": "m", "up": "1"}
+_UNITS = {"wavelength_nm": "nm", "distance_m": "m", "depth_m": "m", "top_m": "m", "up": "1"}
 _CHANNELS = ("red", "green", "blue")
 
 
@@ -147,31 +148,37 @@ def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: Arr
 
 
 @checked
-def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Dataset:
+def of_light_field(
+    field: LightField | LayeredField, depth_m: ArrayLike, up: ArrayLike, wavelength_nm: ArrayLike | None = None
+) -> Dataset:
     """Return the light of a solved field on the grid of its arguments, per unit irradiance at the surface.
 
-    Every depth meets every direction. The axis `wavelength` has no values in nm, as a field has coefficients alone: it
-    is their order.
+    Every depth meets every direction. A field has coefficients alone: where no wavelengths are given, the axis
+    `wavelength` is their order.
 
     Parameters
     ----------
-    field : LightField
+    field : LightField or LayeredField
         The solved field.
     depth_m : array_like
         Depths (n,) [m].
     up : array_like
         The y components (n,) of directions, -1 to 1.
+    wavelength_nm : array_like, optional
+        Wavelengths (n,) [nm] of the field's coefficients, which become the axis `wavelength_nm`.
 
     Returns
     -------
     xarray.Dataset
         `radiance` (depth_m, up, wavelength) [1/sr] without the sun's own beam; `E_d`, `E_u` and `E_0` (depth_m,
-        wavelength) [1], downwelling, upwelling and scalar irradiance with the beam; a and b.
+        wavelength) [1], downwelling, upwelling and scalar irradiance with the beam; a and b, of layers by the depth
+        `top_m` at which they begin.
 
     Raises
     ------
     ParameterError
-        If an argument is out of range, or xarray is not installed.
+        If an argument is out of range, there are more or fewer wavelengths than coefficients, or xarray is not
+        installed.
 
     See Also
     --------
@@ -187,22 +194,36 @@ def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Data
     """
     grid = {"depth_m": depth_m, "up": up}
     depth, level = (_axis(name, one) for name, one in grid.items())
-    axes = ("depth_m", "wavelength")
+    # Name the axes of coefficients: wavelengths, and layers before them
+    spectrum, count, facts = "wavelength", field.absorption.shape[-1], {}
+    own: tuple[str, ...]
+    if wavelength_nm is not None:
+        spectrum, given = "wavelength_nm", _axis("wavelength_nm", wavelength_nm)
+        if len(given) != count:
+            raise ParameterError(
+                f"wavelength_nm - needs one for each coefficient (got {len(given)} for {count}) - give as many"
+            )
+        grid["wavelength_nm"] = given
+    if isinstance(field, LayeredField):
+        grid["top_m"], own = field.top_m, ("top_m", spectrum)
+    else:
+        own, facts = (spectrum,), {"refractive_index": field.refractive_index}
+    axes = ("depth_m", spectrum)
     data = {
         "radiance": (
-            ("depth_m", "up", "wavelength"), field.radiance(depth[:, None], level[None, :]),
+            ("depth_m", "up", spectrum), field.radiance(depth[:, None], level[None, :]),
             {"long_name": "radiance without the sun's beam", "units": "1/sr"},
         ),
         "E_d": (axes, field.irradiance(depth, 1.0), {"long_name": "downwelling irradiance", "units": "1"}),
         "E_u": (axes, field.irradiance(depth, -1.0), {"long_name": "upwelling irradiance", "units": "1"}),
         "E_0": (axes, field.scalar_irradiance(depth), {"long_name": "scalar irradiance", "units": "1"}),
-        "a": (("wavelength",), field.absorption, {"long_name": "absorption", "units": "1/m"}),
-        "b": (("wavelength",), field.scattering, {"long_name": "scattering", "units": "1/m"}),
+        "a": (own, field.absorption, {"long_name": "absorption", "units": "1/m"}),
+        "b": (own, field.scattering, {"long_name": "scattering", "units": "1/m"}),
     }  # fmt: skip
-    return _dataset(data, grid, refractive_index=field.refractive_index)
+    return _dataset(data, grid, **facts)
 
 
-def of_caustics(stack: CausticStack) -> Dataset:
+def of_caustics(stack: CausticStack, *made_with: Parameters, time_s: float | None = None) -> Dataset:
     """Return the statistics of caustics by depth and channel.
 
     The maps are of one instant: for the statistics of a sea, average over stacks at several times.
@@ -211,6 +232,10 @@ def of_caustics(stack: CausticStack) -> Dataset:
     ----------
     stack : CausticStack
         The maps.
+    *made_with : GerstnerSea, SpectralSea or CausticSettings
+        What they were made with, whose values the dataset then knows: wind, seed, size of the map and so on.
+    time_s : float, optional
+        Their time [s], to be known likewise.
 
     Returns
     -------
@@ -244,7 +269,12 @@ def of_caustics(stack: CausticStack) -> Dataset:
     skewness = np.divide(third, spread**3, out=np.zeros_like(third), where=spread > 0.0)
     values = {"mean": mean, "contrast": spread / mean, "skewness": skewness, "q01": q01, "q50": q50, "q99": q99}
     data = {name: (("depth_m", "channel"), value, {"units": "1"}) for name, value in values.items()}
-    made = _dataset(data, {"depth_m": stack.depth_m}, tile_m=stack.tile_m, sun_direction=stack.sun_direction)
+    facts: dict[str, Any] = {} if time_s is None else {"time_s": time_s}
+    for one in made_with:
+        held = instance("made_with", one, Parameters, "give the sea or the settings that the maps were made with")
+        facts |= {name: value for name, value in held if isinstance(value, int | float | str)}
+    made = _dataset(data, {"depth_m": stack.depth_m}).assign_attrs(facts)
+    made = made.assign_attrs(tile_m=stack.tile_m, sun_direction=stack.sun_direction)
     return made.assign_coords(channel=list(_CHANNELS))
 
 

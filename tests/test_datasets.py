@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import mr360uw as uw
-from mr360uw.medium import LightField, Medium, Water
+from mr360uw.medium import LayeredField, LightField, Medium, Water
 from mr360uw.video import VideoFrame
 from mr360uw.video.writer import write_picture
 from tests.scenes import gradient_plate, scene_with
@@ -56,11 +56,22 @@ def test_a_light_field_keeps_the_balance_of_its_energy() -> None:
     assert made.radiance.shape == (3, 3, 2)
 
 
+def test_fields_know_their_wavelengths_and_layers() -> None:
+    layers = LayeredField([0.0, 4.0], [[0.1, 0.2], [0.3, 0.4]], [[0.2, 0.1], [0.5, 0.5]])
+    made = uw.datasets.of_light_field(layers, [1.0, 6.0], [-1.0, 1.0], [450.0, 550.0])
+    np.testing.assert_array_equal(made.a.sel(top_m=4.0, wavelength_nm=550.0), 0.4)
+    np.testing.assert_array_equal(made.E_d.sel(depth_m=6.0), layers.irradiance([6.0], 1.0)[0])
+    assert made.radiance.dims == ("depth_m", "up", "wavelength_nm")
+    with pytest.raises(uw.ParameterError, match="wavelength_nm - needs one for each"):
+        uw.datasets.of_light_field(layers, [1.0], [1.0], [450.0])
+
+
 def test_statistics_of_caustics() -> None:
     sea, settings = uw.caustics.GerstnerSea(wind_speed=3.0), uw.caustics.CausticSettings(size=64, grid=64)
     stack = uw.caustics.caustic_stack(sea, [0.0, 1.0, 0.0], [1.0, 4.0], 0.0, settings)
-    made = uw.datasets.of_caustics(stack)
+    made = uw.datasets.of_caustics(stack, sea, settings, time_s=0.0)
     assert made.contrast.dims == ("depth_m", "channel")
+    assert [made.attrs[name] for name in ("wind_speed", "seed", "grid", "time_s")] == [3.0, sea.seed, 64, 0.0]
     np.testing.assert_allclose(made["mean"], 1.0, rtol=1e-5)  # float32
     assert np.all(made.skewness > 0.0)
     assert np.all(made.q01 < made.q50)

@@ -133,6 +133,7 @@ OWN: dict[str, dict[str, Any]] = {
     "WaterPatch": {"yaw_deg": 0.0, "pitch_deg": 0.0, "size_deg": 9.0},
     "check_recording": {"width": 64, "frames": 1, "samples": 1}, "transcode": {"target": "there.txt/out.mp4"},
     "export_tiles": {"settings": SMALL},
+    "of_caustics": {"stack": uw.CausticStack(np.ones((2, 16, 16, 3)), np.array([1.0, 2.0]), 4.0, UP)},
     "render_frame": {"backend": "reference"}, "sweep": {"backend": "reference"}, "Compositor": {"backend": "reference"},
 }  # fmt: skip
 """Good arguments of single calls, where those of other calls with the same name differ, or the default takes long."""
