@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import NonNegativeInt, PositiveInt
 
+from mr360uw.base.cache import drop_shared
 from mr360uw.base.files import check_outputs, write_whole
 from mr360uw.base.input_files import read_text
 from mr360uw.base.parameters import Parameters, checked, file_path, instance, numbers
@@ -531,6 +532,10 @@ def sweep(
     return made.assign_coords(channel=list(_CHANNELS)) if measure is None else made
 
 
+_TOGETHER = 16
+"""Frames of a study after which the waters that were solved for them are let go of: they take some 60 MB each."""
+
+
 def _measured(variants: list[Scene], measure: Measure | None, frame: int, backend: str) -> list[dict[str, Any]]:
     """Return what is kept of a frame of each of some scenes, by name."""
     from mr360uw.preview.live import LivePreview
@@ -538,7 +543,9 @@ def _measured(variants: list[Scene], measure: Measure | None, frame: int, backen
 
     found = []
     with LivePreview(backend) as live:
-        for variant in variants:
+        for number, variant in enumerate(variants):
+            if number % _TOGETHER == _TOGETHER - 1:
+                drop_shared()
             result = result_of(live.frame(variant, frame))
             kept = {"picture": result.image_linear} if measure is None else measure(result)
             found.append(dict(kept) if isinstance(kept, Mapping) else {"measure": kept})
