@@ -240,7 +240,10 @@ class UnlaidGround(Protocol):
         """Return a tile with its ratio and its veil on the ground."""
 
     def lines_of(self, part: Rectangle, first: int, step: int) -> tuple[Floats, Floats]:
-        """Return ratio and veil (n, w, 3) of every so manieth line of a rectangle, without the plate's own caustics."""
+        """Return ratio and veil (n, w, 3) of lines of a rectangle, the `first` one and each `step` lines further.
+
+        The plate's own caustics are left out.
+        """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -491,8 +494,7 @@ class BeamSpread(Parts):
 
     def weights(self, path_m: float) -> Floats:
         """Return the weights (k,) of the Gaussians after a path, sum 1."""
-        tau = self.scattering * path_m
-        return np.array([np.interp(tau, self.optical_depth, column) for column in self.weight.T])
+        return _weights_at(self, np.asarray(self.scattering * path_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -511,8 +513,12 @@ class ImageSpread(Parts):
 
     def weights(self, distance_m: Floats) -> Floats:
         """Return the weights (n, 3, k) of the Gaussians over distances (n,), sum 1."""
-        tau = distance_m[:, None] * self.scattering
-        return np.stack([np.interp(tau, self.optical_depth, column) for column in self.weight.T], axis=-1)
+        return _weights_at(self, distance_m[:, None] * self.scattering)
+
+
+def _weights_at(spread: BeamSpread | ImageSpread, optical_depth: Floats) -> Floats:
+    """Return the weights (..., k) of a spread's Gaussians at optical depths (...,), linear between its rows."""
+    return np.stack([np.interp(optical_depth, spread.optical_depth, column) for column in spread.weight.T], axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -58,6 +58,9 @@ def test_a_still_of_both_eyes(whale: Path, tmp_path: Path, backend: str) -> None
     assert all(0.02 < eye.mean() < 0.8 for eye in changed)  # a body, and untouched codes around it
     with OpenEXR.File(str(tmp_path / "layers_0000.exr")) as file:
         views = {part.name(): part.header["view"] for part in file.parts}
+        moved = [np.concatenate([c.pixels for c in p.channels.values()]) for p in file.parts if "ward." in p.name()]
+    assert len(moved) == 4
+    assert not np.any(moved)  # a body and a camera at rest, seen from beside the middle
     assert {name.rpartition(".")[2] == view for name, view in views.items()} == {True}
     assert next(iter(views)) == "rgba.left"
     assert list(views.values()).count("left") == list(views.values()).count("right")

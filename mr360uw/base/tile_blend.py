@@ -239,7 +239,10 @@ class BlockGround:
         return replace(tile, ratio=ratio, veil=veil)
 
     def lines_of(self, part: Rectangle, first: int, step: int) -> tuple[Floats, Floats]:
-        """Return ratio and veil (n, w, 3) of every so manieth line of a rectangle, without the plate's own caustics."""
+        """Return ratio and veil (n, w, 3) of lines of a rectangle, the `first` one and each `step` lines further.
+
+        The plate's own caustics are left out.
+        """
         size = (len(range(first, part.height, step)), part.width, 3)
         ratio, veil = np.ones(size, np.float32), np.zeros(size, np.float32)
         plain, none = self.lines._replace(patterned=False), np.zeros((0, 0, 3), np.float32)
@@ -249,8 +252,9 @@ class BlockGround:
 
 @fast
 def _lay(ground: Any, shown: Any, row: int, step: int, column: int, ratio: Any, veil: Any) -> None:
-    """Write ratio and veil (h, w, 3) of every so manieth line from (row, column) on. shown: light of the plate there,
-    or none.
+    """Write ratio and veil (h, w, 3) of lines that are `step` apart, the first from (row, column) on.
+
+    shown: light of the plate there, or none.
     """
     room = ground_room()
     for r in range(len(ratio)):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.sphere import frame_from_direction
+from mr360uw.base.rays import barycentric
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.types import Floats, Layer, View
 
@@ -29,14 +29,15 @@ SUMS = ("diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "tr
 class Aovs:
     """Arbitrary output variables of a frame, (H, W, 3) unless noted; zero where there is no object.
 
-    diffuse, glossy: reflected ambient light. sun, lamps: their reflected light; caustics: its change by the waves, of
-    either sign. emission. veil: light scattered by the water in front of the objects; shafts: its change by waves,
-    bodies and lamps, of either sign. All these are premultiplied, and attenuated by the water and by the snow before
-    the objects. snow: light of marine snow; behind objects, what they let pass. transmittance: of the water, mean over
-    the objects in a pixel, 1 where there is none. normal: unit in the world, position [m] in the world, means likewise.
-    object_id: (H, W) uint32, 1 for the first visible object, 0 for none; the one with the largest share. triangle:
-    (H, W) int32, the one of largest share, numbered through all visible objects, -1 for none. pieces: of surfaces, the
-    number (n,) of their pixel, row by row, their triangle (n,), and their share (n,) of the pixel.
+    diffuse, glossy: reflected ambient light. sun, lamps: their reflected light; caustics: its change by the waves,
+    of either sign. emission. veil: light scattered by the water in front of the objects; shafts: its change by
+    waves, bodies and lamps, and what the blur by the water brings and takes, of either sign. All these are
+    premultiplied, and attenuated by the water and by the snow before the objects. snow: light of marine snow;
+    behind objects, what they let pass. transmittance: of the water, mean over the objects in a pixel, 1 where there
+    is none. normal: unit in the world, position [m] in the world, means likewise. object_id: (H, W) uint32, 1 for
+    the first visible object, 0 for none; the one with the largest share. triangle: (H, W) int32, the one of largest
+    share, numbered through all visible objects, -1 for none. pieces: of surfaces, the number (n,) of their pixel,
+    row by row, their triangle (n,), and their share (n,) of the pixel.
     """
 
     diffuse: Floats
@@ -151,25 +152,14 @@ def motion(aovs: Aovs, shot: Shot, objects: Sequence[PlacedObject], view: View) 
         number, first = aovs.triangle[at] - first, first + count
         if not len(number) or len(then.mesh.positions) != count:
             continue
-        # The point is corner + a edge + b edge, with a and b by the edges' products (Ericson 2005, section 3.4)
-        corners = now.to_world(now.mesh.positions[number]).astype(np.float64)
-        edge = corners[:, 1:] - corners[:, :1]
-        inner = np.einsum("nik,njk->nij", edge, edge)
-        beside = np.einsum("nik,nk->ni", edge, aovs.position[at] - corners[:, 0])
-        area = inner[:, 0, 0] * inner[:, 1, 1] - inner[:, 0, 1] ** 2
-        turned = np.stack([inner[:, 1, 1], -inner[:, 0, 1], -inner[:, 0, 1], inner[:, 0, 0]], -1).reshape(-1, 2, 2)
-        share = np.einsum("nij,nj->ni", turned, beside) / np.maximum(area, 1e-30)[:, None]
-        after = then.to_world(then.mesh.positions[number]).astype(np.float64)
-        place = after[:, 0] + np.einsum("ni,nik->nk", share, after[:, 1:] - after[:, :1])
-        here = corners[:, 0] + np.einsum("ni,nik->nk", share, edge)
-        x, y = (np.subtract(*one) for one in zip(_seen_at(place, view), _seen_at(here, shot.view), strict=True))
+        # The place of each pixel's point in its triangle, where that is now, and then
+        corners = now.to_world(now.mesh.positions[number])
+        weights, _ = barycentric(corners - shot.view.position, aovs.position[at] - shot.view.position)
+        here = np.einsum("nv,nvk->nk", weights, corners) - shot.view.position
+        there = np.einsum("nv,nvk->nk", weights, then.to_world(then.mesh.positions[number])) - view.position
+        x, y = (np.subtract(*one) for one in zip(view.places(there), shot.view.places(here), strict=True))
         moved[at] = np.stack([(x + 0.5 * view.width) % view.width - 0.5 * view.width, -y], axis=-1)
     return moved
-
-
-def _seen_at(points: Floats, view: View) -> tuple[Floats, Floats]:
-    """Return where in the frame points (n, 3) of the world are seen."""
-    return frame_from_direction((points - view.position) @ view.world_from_camera, view.width, view.height)
 
 
 # --- Cryptomatte ----------------------------------------------------------------------------------------------------
@@ -201,20 +191,19 @@ def cryptomatte(aovs: Aovs, shot: Shot, names: Sequence[str]) -> tuple[dict[str,
 
     names: of the shot's objects. Materials have those of their files. Pieces that share a name are one.
     """
-    of_objects, of_materials = [], []
-    for placed, name in zip(shot.objects, names, strict=True):
-        if placed.visible:
-            of_objects += [name] * len(placed.mesh.positions)
-            known = [one.name or "default" for one in placed.mesh.materials]
-            of_materials += [known[k] for k in placed.mesh.material.tolist()]
+    # The names of objects and of materials, and which of them each triangle has
+    seen = [(placed.mesh, name) for placed, name in zip(shot.objects, names, strict=True) if placed.visible]
+    of_objects = [([name], np.zeros(len(mesh.positions), np.int64)) for mesh, name in seen]
+    of_materials = [([one.name or "default" for one in mesh.materials], mesh.material) for mesh, _ in seen]
     parts: dict[str, Part] = {}
     header: dict[str, str] = {}
-    for layer, of_triangles in (("CryptoObject", of_objects), ("CryptoMaterial", of_materials)):
-        listed = sorted(set(of_triangles))
+    for layer, of_meshes in (("CryptoObject", of_objects), ("CryptoMaterial", of_materials)):
+        listed = sorted({name for some, _ in of_meshes for name in some})
+        place = [np.searchsorted(listed, some)[own].astype(np.int64) for some, own in of_meshes]
         bits = np.array([murmur(name) for name in listed], np.uint32)
         special = np.isin(bits >> 23 & 255, (0, 255))  # no floats that programs change: zero, denormal, infinite, NaN
         bits ^= special.astype(np.uint32) << 23
-        ranked = _ranked(aovs, np.searchsorted(listed, of_triangles), bits.view(np.float32))
+        ranked = _ranked(aovs, np.concatenate([np.zeros(0, np.int64), *place]), bits.view(np.float32))
         for k in range(_RANKS // 2):
             four = np.moveaxis(ranked[..., 2 * k : 2 * k + 2, :].reshape(*ranked.shape[:2], 4), -1, 0)
             name = f"{layer}{k:02d}"

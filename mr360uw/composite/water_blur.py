@@ -21,7 +21,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +31,7 @@ from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shafts import code_change, pixels_of_blocks
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, places_in_mask, rectangles_of_mask, tile_of
-from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.ibl.lookup import environment_lookup, resize_map
 from mr360uw.jit import fast
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.types import Floats, ImageSpread, Layer, MediumTable, Rectangle
@@ -186,13 +185,8 @@ def _background(shot: Shot, rows: int, columns: int) -> Floats:
     height, width = _BACKGROUND_ROWS, 2 * _BACKGROUND_ROWS
     x, y = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
     directions = view.directions(x * view.width, y * view.height)
-    map_ = environment_lookup(light.residual if light.detail is None else light.detail, directions)
-    around = np.pad(map_.astype(np.float32), ((0, 0), (1, 1), (0, 0)), "wrap")
-    across, down = np.meshgrid(
-        (np.arange(columns, dtype=np.float32) + 0.5) * (width / columns) + 0.5,
-        (np.arange(rows, dtype=np.float32) + 0.5) * (height / rows) - 0.5,
-    )
-    return np.asarray(cv2.remap(around, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    seen = environment_lookup(light.residual if light.detail is None else light.detail, directions)
+    return resize_map(seen, columns, rows)
 
 
 @fast

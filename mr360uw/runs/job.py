@@ -15,7 +15,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any, Literal
@@ -90,7 +90,7 @@ def _layers(
         for k in (1, -1):
             then_s = at.time_s + k * step_s
             then = loaded.at(then_s, at.now)
-            view = then.view(then_s)
+            view = replace(then.view(then_s), eye_m=at.shot.view.eye_m)
             place = then_s, frame.plate.index + k, view.position, view.world_from_camera
             moved.append(motion(eye.variables, at.shot, [one.at(*place) for one in then.objects], view))
         mattes, told = cryptomatte(eye.variables, at.shot, names)

@@ -306,6 +306,8 @@ class Pictures:
         with self._changed:
             if not self._same:
                 return
+            if any(self._files.get(path, now) != now for path, now in files.items()):
+                self._forget()  # those before were made of other files
             if made.wanted.index in self._played:  # it was asked for again before it was there
                 self._let_go(made.wanted.index)
             self._played[made.wanted.index], self._stored[made.number] = made, made.data

@@ -156,6 +156,21 @@ def test_frames_that_were_kept_are_made_anew_where_a_file_has_changed(studio: St
     assert studio.pictures.played() == [1]
 
 
+def test_frames_made_before_and_after_a_file_changed_are_not_kept_together(studio: Studio, tmp_path: Path) -> None:
+    studio.mesh = tmp_path / "whale.glb"
+    studio.mesh.write_bytes(b"one")
+    studio.gate.release(1)
+    studio.pictures.want(frame(0), seen=True, playing=True)
+    studio.made.get(timeout=WAIT_S)
+    studio.pictures.want(frame(1), seen=True, playing=True)
+    for _ in range(2):
+        studio.begun.get(timeout=WAIT_S)
+    studio.mesh.write_bytes(b"another")
+    studio.gate.release(1)
+    studio.made.get(timeout=WAIT_S)
+    assert studio.pictures.played() == [1]
+
+
 def test_a_picture_that_comes_late_does_not_hide_the_one_that_was_kept(studio: Studio) -> None:
     studio.gate.release(1)
     studio.pictures.want(frame(0), seen=True, playing=True)
