@@ -59,7 +59,7 @@ SHOWN = (
     "exposed_water",
     "summed_stack",
     "draw_layer",
-    "lay_over",
+    "VideoFrame.over",
 )
 
 

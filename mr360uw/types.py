@@ -512,8 +512,8 @@ class ImageSpread(Parts):
     weight: Floats
 
     def weights(self, distance_m: Floats) -> Floats:
-        """Return the weights (n, 3, k) of the Gaussians over distances (n,), sum 1."""
-        return _weights_at(self, distance_m[:, None] * self.scattering)
+        """Return the weights (n, 3, k) of the Gaussians over distances (n, 1), sum 1."""
+        return _weights_at(self, distance_m * self.scattering)
 
 
 def _weights_at(spread: BeamSpread | ImageSpread, optical_depth: Floats) -> Floats:

@@ -230,7 +230,7 @@ def test_the_graph_of_a_frame_names_its_stages_and_whom_they_follow(rich: Loaded
     composite_frame(rich, ClipAnalysis(), backend, plate, 0.0, cache=graph)
     assert "plate_light" in graph.runs["exposed_water"].inputs
     assert {"exposed_water", "turned"} <= graph.runs["draw_layer"].inputs
-    assert {"plate_light", "exposed_water", "draw_layer", "lay_over"} <= graph.runs.keys()
+    assert {"plate_light", "exposed_water", "draw_layer", "VideoFrame.over"} <= graph.runs.keys()
     assert all(run.ran == run.asked == 1 for name, run in graph.runs.items() if name in ("plate_light", "draw_layer"))
     assert "draw_layer" in str(graph)
     before = graph.runs["draw_layer"].seconds

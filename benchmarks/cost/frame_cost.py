@@ -20,7 +20,7 @@ PARTS = ("light", "water", "caustics", "layer", "blend")
 """Parts of a frame's time, as `StageGraph` notes them; what is left of the frame is in `layer`."""
 _OF_STAGE = {
     "plate_light": "light", "PlatePattern": "light", "exposed_water": "water", "summed_stack": "caustics",
-    "caustic_stack": "caustics", "lay_over": "blend",
+    "caustic_stack": "caustics", "VideoFrame.over": "blend",
 }  # fmt: skip
 """Part of a frame by the name of its stage."""
 _LONGEST_S = 90.0

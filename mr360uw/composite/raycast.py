@@ -27,8 +27,7 @@ from mr360uw.base.rays import RayScene, barycentric
 from mr360uw.composite.mesh.material import Material, Texture, texture_lookup
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject
-from mr360uw.composite.tiles import nearest_m, rectangles_of_bodies, seen_rectangle
-from mr360uw.types import Floats, Rectangle, View
+from mr360uw.types import Floats, View
 
 MAXIMUM_HITS = 64
 """Surfaces that one ray passes through at most; what lies behind that many is not drawn."""
@@ -84,20 +83,6 @@ def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry
         patches += int(mesh.patch.max()) + 1
     columns: list[Any] = [np.concatenate(column) for column in zip(*found, strict=True)]
     return Geometry(*[*columns, tuple(materials)])
-
-
-def object_rectangles(view: View, objects: Sequence[PlacedObject]) -> list[Rectangle]:
-    """Return the frame's rectangle of every visible object, not yet split at the seam; all of it for no panorama."""
-    size = view.width, view.height
-    if view.projection != "equirectangular":
-        return [Rectangle(0, 0, *size)]
-    hulls = [placed.to_world(placed.mesh.hull) for placed in objects if placed.visible]
-    seen, found = [(hull - view.position) @ view.world_from_camera for hull in hulls], []
-    for body, whole in zip(seen, rectangles_of_bodies(seen, *size), strict=True):
-        rectangle = seen_rectangle(whole, nearest_m(body), view.eye_m, *size) if view.eye_m else whole
-        if rectangle.height > 0:
-            found.append(rectangle)
-    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,7 +27,6 @@ from mr360uw.composite.raycast import (
     Hits,
     gather,
     next_surfaces,
-    object_rectangles,
     pixel_footprint,
     surface,
     uv_change,
@@ -53,7 +52,7 @@ from mr360uw.composite.sampling import (
 )
 from mr360uw.composite.shading import surface_radiance, water_ahead
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, split
+from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, object_rectangles, split
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 _RAYS_AT_ONCE = 200_000
@@ -292,11 +291,11 @@ def group_samples(
         member[every, chosen] = True
         left[pixel] &= ~member
         # Let the sample nearest to the middle stand for all
-        middle = nearest_to_mean(samples, member)
+        middle = nearest_to_mean(samples.cells, member, member)
         column, row = x + samples.positions[middle, 0], y + samples.positions[middle, 1]
         direction = view.directions(column, row)
         beside = np.stack([view.directions(column + width, row), view.directions(column, row + width)], axis=1)
-        rays, area = (view.starts(direction), direction, beside), frame_areas(samples, member, middle)
+        rays, area = (view.starts(direction), direction, beside), frame_areas(samples.positions, member, middle)
         yield pixel, member.mean(axis=1), surface(geometry, triangle[every, middle], rays, area, width, view.height)
 
 

@@ -13,9 +13,8 @@ different rows: edges of every direction get n levels of coverage. Where n is od
 from __future__ import annotations
 
 import math
-import operator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +55,7 @@ class Pattern:
     """
 
     cells: NDArray[np.int64]
-    positions: Floats
+    positions: NDArray[np.float64]
     step: tuple[float, float]
 
     @property
@@ -81,32 +80,7 @@ def pattern(samples: int) -> Pattern:
     return Pattern(cells[order], positions[order], (a / (a * a + b * b), -b / (a * a + b * b)))
 
 
-def nearest_to_mean(
-    samples: Pattern, member: NDArray[np.bool_], among: NDArray[np.bool_] | None = None
-) -> NDArray[np.int64]:
-    """Return the index (n,) of the sample nearest to the mean of members (n, s), in integers: ties are exact.
-
-    among: (n, s) samples that may be taken, the members if not given.
-    """
-    found = np.zeros(len(member), np.int64)
-    find_nearest(np.ascontiguousarray(samples.cells.T, np.int64), member, member if among is None else among, found)
-    return found
-
-
-def frame_areas(samples: Pattern, member: NDArray[np.bool_], nearest: NDArray[np.int64]) -> Floats:
-    """Return the areas of a pixel that members (n, s) represent, (n, 5): offset x, y, and matrix xx, xy, yy [pixels].
-
-    The area is the parallelogram with the mean and the second moments C of the members, each a square of 1/s pixel: its
-    sides are the columns of the symmetric root of 12 C, the unit matrix for a whole pixel. offset: from the sample
-    `nearest` (n,) to the mean.
-    """
-    areas = np.zeros((len(member), 5))
-    write_areas(np.ascontiguousarray(samples.positions, np.float64), member, nearest, areas)
-    return areas
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Gaps:
+class Gaps(NamedTuple):
     """Uncovered parts of n pixels that opaque surfaces cover partly.
 
     row, column: (n,) of the pixels in the frame. place: (n, 2) frame coordinates of an uncovered sample. area: (n, 5)
@@ -117,10 +91,6 @@ class Gaps:
     column: NDArray[np.int64]
     place: Floats
     area: Floats
-
-    def some(self, chosen: NDArray[np.int64]) -> Gaps:
-        """Return the gaps of some indices."""
-        return Gaps(self.row[chosen], self.column[chosen], self.place[chosen], self.area[chosen])
 
 
 NO_GAPS = Gaps(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 5)))
@@ -138,18 +108,15 @@ def find_gaps(samples: Pattern, row: NDArray[np.int64], column: NDArray[np.int64
     around = (~free).astype(np.float32) @ (apart <= _CLEAR**2).astype(np.float32)  # covered ones around each
     around[~free] = np.inf
     clear = around == around.min(axis=1, keepdims=True)
-    nearest = nearest_to_mean(samples, free, clear)
-    area = _PART_OF_GAP * frame_areas(samples, free, nearest)
+    nearest = nearest_to_mean(samples.cells, free, clear)
+    area = _PART_OF_GAP * frame_areas(samples.positions, free, nearest)
     area[:, :2] = 0.0
     return Gaps(row, column, np.stack([column, row], axis=-1) + samples.positions[nearest], area)
 
 
 def join_gaps(*parts: Gaps) -> Gaps:
     """Return the gaps of several sets of pixels as one."""
-    return Gaps(*map(np.concatenate, zip(*map(_columns, (NO_GAPS, *parts)), strict=True)))
-
-
-_columns = operator.attrgetter("row", "column", "place", "area")
+    return Gaps(*map(np.concatenate, zip(NO_GAPS, *parts, strict=True)))
 
 
 def filter_width(samples: int, shading: str) -> float:
@@ -162,13 +129,14 @@ Mask = NDArray[np.bool_]
 
 
 @exact
-def find_nearest(cells: NDArray[np.int64], member: Mask, among: Mask, found: NDArray[np.int64]) -> None:
-    """Write the index (n,) of the sample of `among` (n, s) nearest to the mean of members (n, s).
+def nearest_to_mean(cells: NDArray[np.int64], member: Mask, among: Mask) -> NDArray[np.int64]:
+    """Return the index (n,) of the sample of `among` (n, s) nearest to the mean of members (n, s).
 
-    cells: (2, s), s below 256. In whole numbers ties are exact, and several samples are added at once; the first of
-    equals is taken.
+    cells: (s, 2) of a `Pattern`, s below 256. In whole numbers ties are exact, and several samples are added at once;
+    the first of equals is taken.
     """
-    x, y = cells[0], cells[1]
+    found = np.zeros(len(member), np.int64)
+    x, y = cells[:, 0].copy(), cells[:, 1].copy()
     for n in range(len(member)):
         count, sum_x, sum_y = np.int64(0), np.int64(0), np.int64(0)
         for k in range(len(x)):
@@ -181,6 +149,7 @@ def find_nearest(cells: NDArray[np.int64], member: Mask, among: Mask, found: NDA
             value = count * (x[k] * x[k] + y[k] * y[k]) - 2 * (sum_x * x[k] + sum_y * y[k])
             least = min(least, value * 256 + k if among[n, k] else np.int64(1 << 62))
         found[n] = least & 255
+    return found
 
 
 @inlined
@@ -196,8 +165,14 @@ def root_of_moments(xx: Any, xy: Any, yy: Any, own: Any) -> Any:
 
 
 @exact
-def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], areas: Array) -> None:
-    """Write `sampling.frame_areas` (n, 5) of members (n, s) at positions (s, 2)."""
+def frame_areas(positions: Array, member: Mask, nearest: NDArray[np.int64]) -> Array:
+    """Return the areas of a pixel that members (n, s) represent, (n, 5): offset x, y, and matrix xx, xy, yy [pixels].
+
+    The area is the parallelogram with the mean and the second moments C of the members, each a square of 1/s pixel: its
+    sides are the columns of the symmetric root of 12 C, the unit matrix for a whole pixel. positions: (s, 2) of a
+    `Pattern`. offset: from the sample `nearest` (n,) to the mean.
+    """
+    areas = np.zeros((len(member), 5))
     own = 1.0 / (12.0 * len(positions))
     for n in range(len(member)):
         count, sum_x, sum_y, sum_xx, sum_xy, sum_yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -215,3 +190,4 @@ def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], area
         xy = sum_xy / count - mean_x * mean_y
         areas[n, 0], areas[n, 1] = mean_x - positions[nearest[n], 0], mean_y - positions[nearest[n], 1]
         areas[n, 2], areas[n, 3], areas[n, 4] = root_of_moments(xx, xy, yy, own)
+    return areas

@@ -36,15 +36,11 @@ from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_look
 from mr360uw.types import Floats, MediumTable
 
 
-def ambient_irradiance(shot: Shot, point: Floats, normal: Floats) -> Floats:
-    """Return the unoccluded ambient irradiance (n, 3) on surfaces."""
-    return environment_lookup(shot.environment.ambient, normal) * _ambient_factor(shot, point, normal)
-
-
-def _ambient_factor(shot: Shot, point: Floats, normal: Floats) -> Floats:
+def ambient_there(shot: Shot, light: Floats, point: Floats, normal: Floats) -> Floats:
+    """Return the ambient light (n, 3) that falls on normals (n, 3) at points (n, 3), of that at the camera."""
     if shot.medium is None:
-        return np.ones((len(point), 3))
-    return ambient_ratio(shot.medium, shot.view.depth_of(point), normal[:, 1])
+        return light
+    return light * ambient_ratio(shot.medium, shot.view.depth_of(point), normal[:, 1])
 
 
 def surface_radiance(
@@ -78,8 +74,9 @@ def surface_radiance(
     coat = view, dielectric * (1.0 - metal) + hits.base * metal, albedo
     # Reflect it, and add what glows
     bias_m = np.array([placed.bias_m for placed in shot.visible])[hits.object]
-    diffuse = hits.trim * albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion
-    glossy = hits.trim * mirrors * reflected * _ambient_factor(shot, hits.point, axis) * occlusion
+    irradiance = environment_lookup(shot.environment.ambient, hits.normal)
+    diffuse = hits.trim * albedo * INV_PI * ambient_there(shot, irradiance, hits.point, hits.normal) * ratio * occlusion
+    glossy = hits.trim * mirrors * ambient_there(shot, reflected, hits.point, axis) * occlusion
     emission = hits.trim * hits.emission
     # Add sun and lamps, one after the other
     total, direct = diffuse + glossy, {name: np.zeros_like(diffuse) for name in ("sun", "lamps", "caustics")}

@@ -19,7 +19,6 @@ from mr360uw.base.parameters import checked
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.mesh.material import Material, Texture, read_texture
 from mr360uw.composite.mesh.mesh import DARKENING, Mesh, Unit, opaque_where_sure
-from mr360uw.composite.mesh.polygons import scale_of
 from mr360uw.composite.motion import (
     Motion,
     Playback,
@@ -173,6 +172,13 @@ WITHIN_M = 3.0
 """Greatest depth of an object's top at which "auto" shows it in the surface; images fade in over its last quarter."""
 FAINTEST = 1e-3
 """Transmittance of the whole way, in its clearest channel, below which a body is not seen in the surface."""
+
+
+def scale_of(linear: Floats) -> float:
+    """Return the size of a linear map (3, 3): the cube root of its determinant, which is found without arrays."""
+    (a, b, c), (d, e, f), (g, h, i) = linear.tolist()
+    size: float = abs(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)) ** (1.0 / 3.0)
+    return size
 
 
 def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:

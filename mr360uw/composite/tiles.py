@@ -21,12 +21,26 @@ from numpy.typing import NDArray
 from mr360uw.base.parameters import checked
 from mr360uw.base.sphere import frame_from_direction
 from mr360uw.base.tile_blend import blended
-from mr360uw.composite.shot import Shot
+from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.errors import ParameterError
-from mr360uw.types import Floats, Layer, Rectangle, Tile
+from mr360uw.types import Floats, Layer, Rectangle, Tile, View
 
 _TILE_COST_PX = 4096
 """Fixed cost of one tile, in pixels that take as long. Twice as large: fewer tiles, with more untouched pixels."""
+
+
+def object_rectangles(view: View, objects: Sequence[PlacedObject]) -> list[Rectangle]:
+    """Return the frame's rectangle of every visible object, not yet split at the seam; all of it for no panorama."""
+    size = view.width, view.height
+    if view.projection != "equirectangular":
+        return [Rectangle(0, 0, *size)]
+    hulls = [placed.to_world(placed.mesh.hull) for placed in objects if placed.visible]
+    seen, found = [(hull - view.position) @ view.world_from_camera for hull in hulls], []
+    for body, whole in zip(seen, rectangles_of_bodies(seen, *size), strict=True):
+        rectangle = seen_rectangle(whole, nearest_m(body), view.eye_m, *size) if view.eye_m else whole
+        if rectangle.height > 0:
+            found.append(rectangle)
+    return found
 
 
 def rectangles_of_bodies(bodies: Sequence[Floats], width: int, height: int, margin: int = 1) -> list[Rectangle]:

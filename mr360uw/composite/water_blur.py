@@ -18,6 +18,7 @@ bodies, and with those about them whose codes change.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -31,10 +32,10 @@ from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shafts import code_change, pixels_of_blocks
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, places_in_mask, rectangles_of_mask, tile_of
-from mr360uw.ibl.lookup import environment_lookup, resize_map
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import fast
-from mr360uw.medium.lookup import transmittance_lookup
-from mr360uw.types import Floats, ImageSpread, Layer, MediumTable, Rectangle
+from mr360uw.medium.lookup import table_coordinate, transmittance_lookup
+from mr360uw.types import Floats, ImageSpread, Layer, Rectangle
 
 _CELLS = 480
 """Most cells around the horizon: 0.75 degrees each."""
@@ -44,11 +45,10 @@ _NARROWEST, _FINEST = 0.6, 1.4
 """Standard deviations, in cells, below which a Gaussian counts as unturned, and from which on a grid serves it."""
 _BACKGROUND_ROWS = 64
 """Rows of the plate's light behind bodies: what is smaller than 3 degrees does not shine through them."""
-_IN_FRONT = 0.5
-"""Fraction of the ground's light that turns in front of bodies, not behind them. Bodies, umbrae and floor of six
-path-traced dives are off by 1.57 % in the mean with it, by 1.71 % with 0, by 1.59 % with 1, by 1.79 % without blur."""
 _LENGTH_M, _NODES = 10.0, 1024
 """Distances S are tabulated uniformly in S/(S + this), in so many places."""
+_NODE_M = _LENGTH_M / (1.0 - np.arange(_NODES) / _NODES) - _LENGTH_M
+"""The distances (n,) [m] there."""
 _FAINTEST, _FAINT = 0.03, 0.1
 """Transmittances up to which nothing, and from which on all of the blur is drawn."""
 _LEAST_GROUND = 0.01
@@ -70,7 +70,6 @@ def with_blur(
     cells = np.zeros((rows, columns, 5), np.float32)
     for tile in layer.tiles:
         _add_cells(tile.radiance, tile.alpha, tile.distance_m, tile.row, tile.column, side, cells)
-    cells /= np.float32(side * side)
     bodies = places_in_mask(cells[..., 3] > 0.0)
     if not len(bodies[0]) or medium.camera_depth_m <= 0.0:
         return layer, variables
@@ -82,41 +81,39 @@ def with_blur(
     plate, change = behind[places], np.concatenate([light - share * behind[bodies], dimmed])
     plate[: len(share)] *= share
     # Spread the part of it that has turned
-    wide = spread.angle_rad >= _NARROWEST * 2.0 * PI / columns
-    distance = np.concatenate([(metres / share)[:, 0], far])
-    gain, unturned, sharp, shown = _by_distance(spread, medium, wide, distance)
-    change = np.maximum(gain * change, -plate)
-    turned, count = shown * (1.0 - unturned) * change, len(share)
-    from_bodies, from_ground = (
-        _spread(spread, wide, (rows, columns), (places[0][of], places[1][of]), distance[of], turned[of])
-        for of in (slice(count), slice(count, None))
-    )
-    beside, on_plate = from_bodies + np.float32(_IN_FRONT) * from_ground, from_bodies + from_ground
-    on_plate[ground] += (shown * sharp * change)[count:] - shown[count:] * dimmed
+    left = transmittance_lookup(medium, _NODE_M, np.zeros(_NODES))
+    blur = np.clip((left - _FAINTEST) / (_FAINT - _FAINTEST), 0.0, 1.0).astype(np.float32)
+    table, distance = cache.of(_by_distance, spread, columns), np.concatenate([(metres / share)[:, 0], far])
+    node = np.minimum(_NODES * table_coordinate(distance, _LENGTH_M) + 0.5, _NODES - 1).astype(np.int64)
+    (gain, sharp, *turned), shown, count = table[:, node], blur[node], len(share)
+    change = shown * np.maximum(gain * change, -plate)
+    beside = _spread(spread.angle_rad, (rows, columns), places, [fraction * change for fraction in turned])
+    on_plate = beside.copy()
+    on_plate[ground] += (sharp * change)[count:] - shown[count:] * dimmed
     # Draw the plate where its codes change, and bodies anew
     marked = np.einsum("jic,jic->ji", on_plate, on_plate) > (_LEAST_CODES / _STEEPEST) ** 2
     codes = np.zeros(marked.shape, np.float32)
     codes[marked] = code_change(behind[marked], on_plate[marked])
     marked = codes > _LEAST_CODES
-    on_plate *= np.clip(codes / _LEAST_CODES - 1.0, 0.0, 1.0)[..., None]
+    drawn = np.zeros_like(on_plate)
+    drawn[marked] = on_plate[marked] * np.minimum(codes[marked] / _LEAST_CODES - 1.0, 1.0)[:, None]
     more = [Rectangle(*(side * number for number in part)) for part in rectangles_of_mask(marked, _CELLS)]
     of_layer, tiles = {tile.rectangle: tile for tile in layer.tiles}, []
-    table = _by_distance(spread, medium, wide, _LENGTH_M / (1.0 - np.arange(_NODES) / _NODES) - _LENGTH_M)
-    table = table.astype(np.float32)
     for part in even_tiles([*of_layer, *more], view.width, view.height):
         tile = of_layer[part] if part in of_layer else tile_of(layer, part)
         window = tuple(slice(low // side, -(-high // side)) for low, high in (
             (part.row, part.row + part.height), (part.column, part.column + part.width)
         ))  # fmt: skip
         if np.any(marked[window]):
-            shafts = pixels_of_blocks(on_plate, side, part)
+            shafts = pixels_of_blocks(drawn, side, part)
             if shot.holdout is not None:
                 shafts = shafts * (1.0 - np.clip(shot.holdout[tile.window], 0.0, 1.0))[..., None]
             shafts = shafts if tile.shafts is None else tile.shafts + shafts
             tile = replace(tile, shafts=np.ascontiguousarray(shafts, np.float32))
         if np.any(cells[window][..., 3]):
             radiance = tile.radiance.copy()
-            _blur_bodies(radiance, tile.alpha, tile.distance_m, (part.row, part.column), table, side, behind, beside)
+            first = part.row, part.column
+            _blur_bodies(radiance, tile.alpha, tile.distance_m, first, table, blur, side, behind, beside)
             tile = replace(tile, radiance=radiance)
         tiles.append(tile)
     if variables is not None:
@@ -127,21 +124,17 @@ def with_blur(
     return replace(layer, tiles=tuple(tiles)), variables
 
 
-def _by_distance(
-    spread: ImageSpread, medium: MediumTable, wide: NDArray[np.bool_], distance_m: Floats
-) -> NDArray[np.float64]:
-    """Return numbers (4, n, 3) of light that came over distances (n,).
+def _by_distance(spread: ImageSpread, columns: int) -> NDArray[np.float32]:
+    """Return numbers (2 + k, `_NODES`, 3) of light that came over distances of `_NODE_M`; columns: of cells, around.
 
-    Light with that which turned within the cone, over light without; fractions that did not turn, and that stayed in
-    their place, as in Gaussians that are not `wide`; how much of the blur is drawn, nothing where no contrast is left.
+    Light with that which turned within the cone, over light without; fractions of it that stayed in their place, and
+    that each of the k Gaussians spreads, none by the narrow ones that count as unturned.
     """
-    metres = distance_m[:, None]
-    gain = np.exp(np.minimum(metres * spread.kept, 80.0))  # a float32 holds that
-    unturned = np.exp(-metres * spread.scattering)
-    sharp = unturned + (1.0 - unturned) * (spread.weights(distance_m) @ ~wide)
-    left = transmittance_lookup(medium, distance_m, np.zeros(len(distance_m)))
-    shown = np.clip((left - _FAINTEST) / (_FAINT - _FAINTEST), 0.0, 1.0)
-    return np.stack([gain, unturned, sharp, shown])
+    distance_m = _NODE_M[:, None]
+    gain = np.exp(np.minimum(distance_m * spread.kept, 80.0))  # a float32 holds that
+    weights = spread.weights(distance_m) * (spread.angle_rad >= _NARROWEST * 2.0 * PI / columns)
+    turned = (1.0 - np.exp(-distance_m * spread.scattering))[..., None] * weights
+    return np.stack([gain, 1.0 - turned.sum(axis=-1), *np.moveaxis(turned, -1, 0)]).astype(np.float32)
 
 
 def _ground_change(
@@ -156,80 +149,86 @@ def _ground_change(
         # The first line in the middle of a row of cells
         part = tile.rectangle
         first = (side // 2 - part.row) % side
-        if first >= part.height:
-            continue
-        drawn = tile.ratio[first::side], tile.veil[first::side]
-        ratio, veil = drawn if layer.ground is None else layer.ground.lines_of(part, first, side)
-        # Means over the cells of a row
-        left, right = part.column // side, -(-(part.column + part.width) // side)
-        edges = np.maximum(side * np.arange(left, right) - part.column, 0)
-        wide = np.diff(np.append(edges, part.width))[:, None]
-        dimmed, haze = np.add.reduceat(ratio - np.float32(1.0), edges, axis=1), np.add.reduceat(veil, edges, axis=1)
-        top = (part.row + first) // side
-        here = slice(top, top + len(ratio)), slice(left, right)
-        plate = behind[here]
-        found[here] += (plate - np.minimum(haze / wide, plate)) * dimmed / side
-    found *= 1.0 - share[..., None]
-    at = places_in_mask(
-        np.einsum("jic,jic->ji", found, found) > _LEAST_GROUND**2 * np.einsum("jic,jic->ji", behind, behind)
-    )
-    x, y = (at[1] + 0.5) * side, np.minimum((at[0] + 0.5) * side, shot.view.height - 0.5)
+        if first < part.height:
+            drawn = tile.ratio[first::side], tile.veil[first::side]
+            ratio, veil = drawn if layer.ground is None else layer.ground.lines_of(part, first, side)
+            _add_ground(ratio, veil, (part.row + first) // side, part.column, side, behind, found)
+    # Cells that no body covers, and whose change may show
+    at = places_in_mask(found[..., 1] != 0.0)
+    change, plate = found[at] * (1.0 - share[at])[:, None], behind[at]
+    far = np.sum(change * change, axis=1) > _LEAST_GROUND**2 * np.sum(plate * plate, axis=1)
+    row, column, change = at[0][far], at[1][far], change[far]
+    x, y = (column + 0.5) * side, np.minimum((row + 0.5) * side, shot.view.height - 0.5)
     far = plate_distance(shot, x, y, np.asarray(shot.view.directions(x, y), np.float64), cache)
     near = np.isfinite(far)
-    return (at[0][near], at[1][near]), far[near], found[at][near]
+    return (row[near], column[near]), far[near], change[near]
+
+
+@fast
+def _add_ground(ratio: Any, veil: Any, top: int, column: int, side: int, behind: Any, found: Any) -> None:
+    """Add what lines of a tile, ratio and veil (n, w, 3), change of the ground to rows of cells from `top` on.
+
+    column: the first pixel's. behind: (rows, columns, 3) light of the plate in cells; found: is added to, likewise.
+    """
+    for r in range(ratio.shape[0]):
+        for i in range(ratio.shape[1]):
+            at = (column + i) // side
+            for c in range(3):
+                plate = behind[top + r, at, c]
+                found[top + r, at, c] += (plate - min(veil[r, i, c], plate)) * (ratio[r, i, c] - np.float32(1.0)) / side
 
 
 def _background(shot: Shot, rows: int, columns: int) -> Floats:
     """Return the plate's light without its sun (rows, columns, 3), smooth, in the frame's directions."""
     view, light = shot.view, shot.environment
-    height, width = _BACKGROUND_ROWS, 2 * _BACKGROUND_ROWS
-    x, y = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
-    directions = view.directions(x * view.width, y * view.height)
+    side = max(rows // _BACKGROUND_ROWS, 1)
+    row, column = (side * (np.arange(-(-cells // side)) + 0.5) for cells in (rows, columns))
+    directions = view.directions(*np.meshgrid(column * (view.width / columns), row * (view.height / rows)))
     seen = environment_lookup(light.residual if light.detail is None else light.detail, directions)
-    return resize_map(seen, columns, rows)
+    return pixels_of_blocks(seen.astype(np.float32), side, Rectangle(0, 0, columns, rows))
 
 
 @fast
 def _add_cells(radiance: Any, alpha: Any, metres: Any, row: int, column: int, side: int, cells: Any) -> None:
-    """Add radiance, coverage and covered metres of a tile's bodies to the cells (rows, columns, 5) that they lie in.
+    """Add means of radiance, coverage and covered metres of a tile's bodies to the cells (rows, columns, 5) of theirs.
 
     radiance, alpha, metres: of the tile, whose first pixel is at (row, column).
     """
+    area = np.float32(1.0 / (side * side))
     for j in range(alpha.shape[0]):
         for i in range(alpha.shape[1]):
             if alpha[j, i] > 0.0:
-                at, to = (row + j) // side, (column + i) // side
+                at, to, covered = (row + j) // side, (column + i) // side, area * alpha[j, i]
                 for c in range(3):
-                    cells[at, to, c] += radiance[j, i, c]
-                cells[at, to, 3] += alpha[j, i]
-                cells[at, to, 4] += alpha[j, i] * metres[j, i]
+                    cells[at, to, c] += area * radiance[j, i, c]
+                cells[at, to, 3] += covered
+                cells[at, to, 4] += covered * metres[j, i]
 
 
 def _spread(
-    spread: ImageSpread, wide: NDArray[np.bool_], shape: tuple[int, int], at: tuple[NDArray[np.int64], ...],
-    distance_m: Floats, turned: Floats,
-) -> NDArray[np.float32]:  # fmt: skip
+    angle_rad: Floats, shape: tuple[int, int], at: tuple[NDArray[np.int64], NDArray[np.int64]], turned: Sequence[Floats]
+) -> NDArray[np.float32]:
     """Return light that the water has turned (rows, columns, 3).
 
-    wide: (k,) Gaussians that are wide enough to show. at: rows and columns of cells. turned: (n, 3) light of theirs
-    that has turned, from distances (n,).
+    angle_rad: (k,) of the Gaussians. shape: rows and columns of cells; at: those of the cells that light comes from.
+    turned: (n, 3) of each Gaussian.
     """
     grids = [np.zeros((*shape, 3), np.float32)]
-    if not len(turned):
-        return grids[0]
-    weight, sigma = spread.weights(distance_m), spread.angle_rad * shape[1] / (2.0 * PI)
+    sigma, from_area = angle_rad * shape[1] / (2.0 * PI), np.cos(PI * (0.5 - (at[0] + 0.5) / shape[0]))
     while grids[-1].shape[1] > _COARSEST and not grids[-1].shape[0] % 2 and not grids[-1].shape[1] % 2:
         rows, columns, _ = grids[-1].shape
         grids.append(np.zeros((rows // 2, columns // 2, 3), np.float32))
     # Each Gaussian on the coarsest grid that serves it: cosines of latitudes are areas of cells
-    for k in np.flatnonzero(wide):
+    for k, light in enumerate(turned):
+        if not np.any(light):
+            continue
         level = int(np.clip(np.floor(np.log2(sigma[k] / _FINEST)), 0, len(grids) - 1))
         rows, columns, _ = grids[level].shape
-        place, cosine = (at[0] >> level) * columns + (at[1] >> level), _cosines(rows)
-        area = _cosines(shape[0])[at[0]] / cosine[at[0] >> level] / 4.0**level
-        of_cells = area[:, None] * weight[..., k] * turned
-        source = np.stack([np.bincount(place, of_cells[:, c], rows * columns) for c in range(3)], -1, dtype=np.float32)
-        _blur(source.reshape(rows, columns, 3), sigma[k] / 2.0**level, cosine, grids[level])
+        row, cosine = at[0] >> level, np.cos(PI * (0.5 - (np.arange(rows) + 0.5) / rows))
+        place, area = row * columns + (at[1] >> level), from_area / cosine[row] / 4.0**level
+        source = [np.bincount(place, area * light[:, c], rows * columns) for c in range(3)]
+        source_map = np.stack(source, -1, dtype=np.float32).reshape(rows, columns, 3)
+        _blur(source_map, sigma[k] / 2.0**level, cosine, grids[level])
     # Sum them from the coarsest grid on
     found = grids.pop()
     while grids:
@@ -237,11 +236,6 @@ def _spread(
         finer += pixels_of_blocks(found, 2, Rectangle(0, 0, finer.shape[1], finer.shape[0]))
         found = finer
     return found
-
-
-def _cosines(rows: int) -> Floats:
-    """Return the cosines of the latitudes of rows (rows,)."""
-    return np.cos(PI * (0.5 - (np.arange(rows) + 0.5) / rows))
 
 
 @fast
@@ -294,12 +288,12 @@ def _blur(source: Any, sigma: Any, cosine: Any, out: Any) -> None:
 
 @fast
 def _blur_bodies(
-    radiance: Any, alpha: Any, metres: Any, place: Any, table: Any, side: int, behind: Any, beside: Any
+    radiance: Any, alpha: Any, metres: Any, place: Any, table: Any, blur: Any, side: int, behind: Any, beside: Any
 ) -> None:
     """Blur the bodies of a tile, whose first pixel is at place, in its radiance (h, w, 3).
 
-    table: numbers of `_by_distance` (4, n, 3) at distances of `_LENGTH_M`. behind, beside: (rows, columns, 3) light of
-    the plate, and light that has turned, in cells.
+    table: of `_by_distance`; blur: (`_NODES`, 3) how much of it is drawn there. behind, beside: (rows, columns, 3)
+    light of the plate, and light that has turned, in cells.
     """
     (rows, columns, _), (row, column) = behind.shape, place
     for j in range(alpha.shape[0]):
@@ -315,7 +309,7 @@ def _blur_bodies(
             left = int(x)
             across = np.float32(x - left)
             left, right = left % columns, (left + 1) % columns
-            node = int((1.0 - _LENGTH_M / (_LENGTH_M + metres[j, i])) * _NODES + 0.5)
+            node = int(_NODES * metres[j, i] / (metres[j, i] + _LENGTH_M) + 0.5)
             node = min(node, _NODES - 1)
             for c in range(3):
                 # Light of the cells here, linear between their middles
@@ -328,5 +322,5 @@ def _blur_bodies(
                 # What has not turned, and narrow Gaussians, stay where they are
                 own = radiance[j, i, c]
                 change = max(table[0, node, c] * (own - plate), -plate)
-                blurred = max(plate + table[2, node, c] * change + light, np.float32(0.0))
-                radiance[j, i, c] = own + table[3, node, c] * (blurred - own)
+                blurred = max(plate + table[1, node, c] * change + light, np.float32(0.0))
+                radiance[j, i, c] = own + blur[node, c] * (blurred - own)

@@ -17,7 +17,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 import numpy as np
@@ -42,7 +41,7 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import asked_grade, ungraded, with_grade
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
 from mr360uw.render.surroundings import Surroundings
-from mr360uw.types import BeamSpread, CausticStack, Floats, Layer, MediumTable, Sun
+from mr360uw.types import BeamSpread, CausticStack, Floats, Layer, MediumTable, Sun, Tile
 from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
@@ -202,7 +201,7 @@ def blend_frame(loaded: Loaded, analysis: ClipAnalysis, shots: FrameShots, by_ey
         if any(np.any(tile.alpha > 0.0) for tile in layer.tiles):
             look = asked_grade(shots.now, analysis.grade, shots.filed, cache)  # of the left eye for both
             layer = cache.of(with_grade, layer, look, plate) if look.reach_px > 0 else layer
-        picture = cache.of(lay_over, plate, layer, shots.now.scene.draw.grain)
+        picture = cache.of(VideoFrame.over, plate, layer, shots.now.scene.draw.grain, finite_layer)
         caustics, variables = (instants[-1].shot.caustics, drawn[-1][1]) if drawn else (None, None)
         frames.append(Frame(picture, plate, layer, shots.light, shots.water, caustics, variables))
     if len(frames) == 1:
@@ -393,9 +392,9 @@ def _unit_table_below_surface(medium: Medium) -> MediumTable:
     return medium.at_depth(JUST_BELOW_M).unit_table
 
 
-def lay_over(plate: VideoFrame, layer: Layer, grain: float) -> VideoFrame:
-    """Return a plate with a layer over it. grain: of the plate, as a fraction, that bodies are given."""
-    return plate.over(layer, grain, partial(finite, "layer", plate.index))
+def finite_layer(index: int, tile: Tile) -> Tile:
+    """Return a tile of a frame's layer; raise `RenderError` if it is not finite."""
+    return finite("layer", index, tile)
 
 
 def finite(stage: str, index: int, result: T) -> T:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from mr360uw.video.picture_tags import PictureTags
     from mr360uw.video.planes import Grain
 
-Check = Callable[[Tile], object]
+Check = Callable[[int, Tile], object]
 """Raises an error where a number of a tile is not finite."""
 
 
@@ -184,9 +184,9 @@ class VideoFrame:
         """Return the composite of the layer's tiles over the frame (`tile_blend`).
 
         grain: amount of the plate's grain that is added where the layer covers it, 0 none, 1 as much as the plate has.
-        check: called with tiles whose composite is not finite. The frame itself is left alone; where the layer has no
-        tile, and at every pixel without coverage, radiance and change of the plate's light, the codes stay what they
-        were. Light above 1 is clipped to the top code (EXR plates keep it).
+        check: called with the frame's index and tiles whose composite is not finite. The frame itself is left alone;
+        where the layer has no tile, and at every pixel without coverage, radiance and change of the plate's light, the
+        codes stay what they were. Light above 1 is clipped to the top code (EXR plates keep it).
         """
         if not layer.tiles:
             return self.graded_by(None)
@@ -229,7 +229,7 @@ class VideoFrame:
             # Say where it is not finite, or keep the light that the codes clip
             whole = tile if layer.ground is None else layer.ground.lay(tile)
             if check is not None and not finite:
-                check(whole)
+                check(self.index, whole)
             if brightest > top:
                 image = blended(self.linear(tile.rectangle), whole) if graded is None else graded
                 clipped.append((tile.rectangle, np.asarray(image, np.float32)))
@@ -247,7 +247,7 @@ class VideoFrame:
             # Lay the tile over the light of the codes
             rectangle, linear = tile.rectangle, blended(self.linear(tile.rectangle), tile)
             if check is not None and not np.isfinite(light_sum(linear)):
-                check(tile)
+                check(self.index, tile)
             linear = self._graded(linear, tile)
             # Give it grain, in the values that this is measured in, and write what changes
             if amount > 0.0 and self.spec.mapping is None:

@@ -22,7 +22,7 @@ def groups_of(members: list[Any], depths: list[float], sun: Floats, **more: Any)
     scene, samples = shot(*objects, **more), pattern(65)
     corner = np.array([scene.view.width // 2, scene.view.height // 2])
     nearest = np.array([int(np.flatnonzero(member)[0]) for member in members])
-    area = frame_areas(samples, np.array(members), nearest)
+    area = frame_areas(samples.positions, np.array(members), nearest)
     rows = np.column_stack(
         [np.zeros(len(members)), corner + samples.positions[nearest], np.arange(len(members)) % len(depths), area]
     )
@@ -45,7 +45,7 @@ def test_fragments_of_one_wall_look_for_the_sun_over_the_area_of_all() -> None:
     chosen = int(np.argmax([np.mean(member) for member in members]))
     middle = together.listed[0, 1:3] + together.listed[0, 4:6]
     np.testing.assert_allclose(middle % 1.0, 0.5, atol=1e-9)  # the mean of all samples is the pixel's middle
-    whole = frame_areas(pattern(65), np.ones((1, 65), np.bool_), np.zeros(1, np.int64))[0, 2:]
+    whole = frame_areas(pattern(65).positions, np.ones((1, 65), np.bool_), np.zeros(1, np.int64))[0, 2:]
     np.testing.assert_allclose(together.listed[0, 6:], whole, atol=1e-9)
     alone = groups_of(members, [4.0], towards_camera, shading="sample")
     assert alone.of.tolist() == [0, 1, 2]

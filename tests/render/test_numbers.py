@@ -18,7 +18,7 @@ from mr360uw.errors import RenderError
 from mr360uw.medium import Medium, Water, fit_gain
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.medium import MediumAtDepths
-from mr360uw.render.frame import finite, lay_over
+from mr360uw.render.frame import finite, finite_layer
 from mr360uw.types import Layer, Rectangle, Tile, YuvImage
 from mr360uw.video import VideoFrame
 from tests.medium.tolerances import TABLE_SHALLOW
@@ -109,10 +109,10 @@ def test_a_layer_that_is_not_finite_is_not_written(matrix: Any, value: float) ->
         frame = VideoFrame(3, 3, Fraction(1, 25), 0.12, 1, spec, yuv=YuvImage(*planes, spec))
     tile = empty_tile(Rectangle(4, 2, 6, 4))
     tile.alpha[1, 2], tile.radiance[1, 2] = 0.5, 0.1
-    assert lay_over(frame, Layer(8, 16, (tile,)), 0.0).plate is (frame if matrix else None)
+    assert frame.over(Layer(8, 16, (tile,)), 0.0, finite_layer).plate is (frame if matrix else None)
     tile.radiance[1, 2, 0] = value
     with pytest.raises(RenderError, match=r"frame 3 - the layer .* 1 of 72 in radiance"):
-        lay_over(frame, Layer(8, 16, (tile,)), 0.0)
+        frame.over(Layer(8, 16, (tile,)), 0.0, finite_layer)
 
 
 def test_the_stage_is_named() -> None:

@@ -40,8 +40,7 @@ from mr360uw.composite.ambient.mesh_transfer import (
     shape_of,
     shape_transfer,
 )
-from mr360uw.composite.mesh.polygons import scale_of
-from mr360uw.composite.shot import PlacedObject
+from mr360uw.composite.shot import PlacedObject, scale_of
 from mr360uw.jit import exact
 from mr360uw.types import Floats
 

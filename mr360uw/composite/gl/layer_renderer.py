@@ -28,7 +28,6 @@ from mr360uw.composite.light_sources import (
     sun_of,
     widest_half_angle,
 )
-from mr360uw.composite.raycast import object_rectangles
 from mr360uw.composite.receiver.blocks import (
     SMOOTH,
     Blocks,
@@ -54,7 +53,7 @@ from mr360uw.composite.receiver.ratio import (
 )
 from mr360uw.composite.sampling import NO_GAPS, WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, places_in_mask
+from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, object_rectangles, places_in_mask
 from mr360uw.gl import gl_context
 from mr360uw.types import Floats, Layer
 

@@ -23,7 +23,6 @@ from mr360uw.base.constants import LONGEST_FOOTPRINT, MAXIMUM_SUN_SAMPLES
 from mr360uw.base.sphere import disc_offsets
 from mr360uw.composite.gl.shadow_columns import (
     SMALLEST,
-    axes_and_slope,
     columns_of,
     lamp_frames,
     sun_frames,
@@ -163,9 +162,10 @@ def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
     for row, frame in zip(slots, frames, strict=True):
         row[6], row[7:16] = frame.middle_m, frame.axes.ravel()
         row[16:] = frame.axes @ (view.position - (0.0 if frame.origin is None else frame.origin))
-    if sun is not None:
+    if sun is not None and of_sun:
         radius, widest = sun.half_angle_rad, widest_half_angle(shot)
-        _, slope = axes_and_slope(sun)
+        of_slots = of_sun[0].axes @ sun.direction
+        slope = of_slots[:2] / of_slots[2]
         lights[DISC, 1:5] = len(of_sun), np.tan(radius), *slope
         lights[HALO, 1:5] = len(of_sun) if widest > radius else 0, np.tan(widest), *slope
     first = len(of_sun)

@@ -34,7 +34,7 @@ from mr360uw.composite.light_sources import sun_of
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.jit import exact, fast
 from mr360uw.medium.shafts.single_scattering import nearest_m
-from mr360uw.types import Floats, Lamp, Sun
+from mr360uw.types import Floats, Lamp
 
 SLOTS = (64, 128, 256, 512)
 """Columns across a slot."""
@@ -129,18 +129,11 @@ def sun_frames(shot: Shot) -> list[ShadowFrame]:
     sun, casters = sun_of(shot), shot.casters
     if sun is None or not casters:
         return []
-    axes, _ = axes_and_slope(sun)
+    axes = basis(np.round(_STEPS * np.asarray(sun.direction)))
     groups: list[tuple[PlacedObject, ...]] = [(placed,) for placed in casters[: MAXIMUM_SLOTS - 1]]
     if len(casters) >= MAXIMUM_SLOTS:
         groups.append(casters[MAXIMUM_SLOTS - 1 :])
     return [ShadowFrame(group, axes) for group in groups]
-
-
-def axes_and_slope(sun: Sun) -> tuple[Floats, Floats]:
-    """Return the axes (3, 3) of the sun's slots, and the slope (2,) of its direction in them, across over along."""
-    axes = basis(np.round(_STEPS * np.asarray(sun.direction)))
-    across, along = (axes @ sun.direction)[:2], float(axes[2] @ sun.direction)
-    return axes, across / along
 
 
 _FARTHER = 1.25

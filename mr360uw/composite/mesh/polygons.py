@@ -274,13 +274,6 @@ def cofactors(linear: Floats) -> Floats:
     return matrix / np.maximum(np.linalg.norm(matrix, axis=(-2, -1), keepdims=True), 1e-300)
 
 
-def scale_of(linear: Floats) -> float:
-    """Return the size of a linear map (3, 3): the cube root of its determinant, which is found without arrays."""
-    (a, b, c), (d, e, f), (g, h, i) = linear.tolist()
-    size: float = abs(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)) ** (1.0 / 3.0)
-    return size
-
-
 def composed(translation: Floats, rotation: Floats, scale: Floats) -> Floats:
     """Return the transforms (n, 4, 4) that scale (n, 3), turn by quaternions x, y, z, w (n, 4) and move (n, 3).
 

@@ -203,7 +203,9 @@ class Ground:
         number = np.full((self.rows, self.columns), -1)
         number[j, i] = np.arange(len(j))
         block = number[gaps.row // BLOCK, gaps.column // BLOCK]
-        return gaps.some(np.flatnonzero(block >= 0)), block[block >= 0]
+        inside = block >= 0
+        row, column, place, area = gaps
+        return Gaps(row[inside], column[inside], place[inside], area[inside]), block[inside]
 
     def _between(self, corner: Floats, j: Indices, i: Indices) -> Floats:
         """Return corner values (R + 1, C + 1, k) interpolated to the pixels of blocks, (n, BLOCK, BLOCK, k)."""

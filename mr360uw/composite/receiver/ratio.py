@@ -22,9 +22,10 @@ from mr360uw.base.texels import smoothstep
 from mr360uw.base.tile_blend import BLOCK, NO_BLURS, NO_MEAN, BlockGround, GroundLines, PixelImages
 from mr360uw.composite.light_sources import LightSource
 from mr360uw.composite.receiver.pattern import direct_pattern, lost_light
-from mr360uw.composite.shading import ambient_irradiance
+from mr360uw.composite.shading import ambient_there
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import places_in_mask
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats, Rectangle
 
 FADE_FROM = 0.8
@@ -41,7 +42,8 @@ def ambient_share(shot: Shot, sources: Sequence[LightSource], point: Floats, nor
 
 def _plate_light(shot: Shot, sources: Sequence[LightSource], point: Floats, normal: Floats) -> tuple[Floats, Floats]:
     """Return the ambient and the direct irradiance (n, 3) of the plate on the receiver."""
-    ambient, beam = ambient_irradiance(shot, point, normal), np.zeros((len(point), 3))
+    at_camera = environment_lookup(shot.environment.ambient, normal)
+    ambient, beam = ambient_there(shot, at_camera, point, normal), np.zeros((len(point), 3))
     for source in sources:
         if source.in_plate:
             direction, irradiance, _ = source.arrival(point)
