@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -145,8 +145,6 @@ def _free_paths(
             f"frames, loop_s - need a frame and a time in (0, 3600] (got {frames}, {loop_s}) - correct them"
         )
     FRAMES.check("frames", frames, ParameterError)
-    if image_format not in get_args(ImageFormat):
-        raise ParameterError(f"image_format - is not known (got {image_format!r}) - use 'png' or 'exr'")
     names = ("caustic", "height", "normal")
     paths = {n: [folder / f"{n}_{i:04d}.{image_format}" for i in range(frames)] for n in names}
     outputs = [*(path for group in paths.values() for path in group), folder / PAGE]

@@ -174,11 +174,7 @@ def irradiance(radiance: ArrayLike, method: Literal["exact", "sh9"] = "exact") -
     array([3.1416, 3.1416, 3.1416], dtype=float32)
     """
     scale = filter_scale(radiance)
-    if method == "exact":
-        return cosine_filter(scale)(radiance)
-    if method == "sh9":
-        return harmonic_irradiance(radiance)
-    raise ParameterError(f"method - unknown (got {method!r}) - take exact or sh9")
+    return cosine_filter(scale)(radiance) if method == "exact" else harmonic_irradiance(radiance)
 
 
 def ggx_distribution(cos_half: ArrayLike, roughness: float) -> NDArray[np.float64]:

@@ -144,8 +144,6 @@ def _split(
         ratio = UNKNOWN_RATIO
     glare = 1.0 - (clearness or 0.0) if underwater else 0.0
     if isinstance(sun, str):
-        if sun != "detect":
-            raise ParameterError(f"sun - unknown (got {sun!r:.40}) - take 'detect', a direction, a Sun or None")
         if settings.sun == "none":
             return plate.coarse, None
         if settings.sun == "date" and underwater:

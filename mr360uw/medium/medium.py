@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mr360uw.base.constants import BRIGHTEST_LOG, REFRACTIVE_INDEX_SEA
-from mr360uw.base.parameters import checked, common_shape, exactly, instance, number
+from mr360uw.base.parameters import checked, common_shape, exactly, number
 from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import CONTRAST_LENGTHS, check_ray, ray_in_water, visibility_m
 from mr360uw.medium.lookup import BandModel, fitted_formation, lengths, medium_table
 from mr360uw.medium.models import CLOSED_FORMS, FormationModel, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
-from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, Sensor, checked_sensor
+from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
 from mr360uw.medium.water import Water
 from mr360uw.medium.wavelengths import Bands, Rule, bands
 from mr360uw.types import Array, Floats, MediumTable
@@ -104,18 +104,14 @@ class Medium:
         formation: FormationModel | None = None, floor_m: float | None = None,
     ) -> None:  # fmt: skip
         # Check the arguments that the types do not
-        if not isinstance(mode, str) or mode not in MODES:
-            raise ParameterError(f"mode - unknown (got {mode!r}) - take one of {', '.join(MODES)}")
         if formation is not None and mode not in _FORMATIONS:
             raise ParameterError(f"formation - is for modes {', '.join(_FORMATIONS)} (got {mode!r}) - leave it out")
-        if not 0.0 < number("camera_depth_m", camera_depth_m) <= 1000.0:
+        if not 0.0 < camera_depth_m <= 1000.0:
             raise ParameterError(
                 f"camera_depth_m - must be in the water (got {camera_depth_m!r}) - give 0.01 to 1000 m"
             )
         # Keep what the light depends on; the bands are found once they are needed
-        self.water = instance("water", water, Water, 'make one, as by Water.jerlov("IB")')
-        self.sensor = checked_sensor(sensor)
-        self.mode = mode
+        self.water, self.sensor, self.mode = water, sensor or Sensor.camera(DEFAULT_SENSOR), mode
         self.camera_depth_m = float(camera_depth_m)
         self.between_m: tuple[float, ...] = ()
         self.gain: Array = np.ones(3)

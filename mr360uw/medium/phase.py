@@ -74,7 +74,7 @@ class PhaseTable:
     moment: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        angle, value, moment = (np.asarray(numbers(name, getattr(self, name)), np.float64) for name in _OF_TABLE)
+        angle, value, moment = (np.array(given, np.float64) for given in (self.angle_rad, self.value, self.moment))
         # Moments: of a function that is nowhere negative
         if len(moment):
             if len(angle) or len(value) or abs(moment[0] - 1.0) > _MOMENT_ROUNDING or np.max(np.abs(moment)) > 1.0:
@@ -89,7 +89,7 @@ class PhaseTable:
                 )
             return
         # A table: angles that ascend, values above 0
-        if angle.ndim != 1 or angle.shape != value.shape or len(angle) < 2 or np.any(np.diff(angle) <= 0.0):
+        if len(angle) != len(value) or len(angle) < 2 or np.any(np.diff(angle) <= 0.0):
             raise ParameterError(
                 "phase - needs two angles or more that ascend, and as many values "
                 f"(got {angle.shape} and {value.shape}) - sort the table"
@@ -213,7 +213,6 @@ class PhaseTable:
         return _series(angle, self.moment) if self.moment else _tabulated(angle, self) / _table_norm(self)
 
 
-_OF_TABLE = ("angle_rad", "value", "moment")
 _MOMENT_ROUNDING = 1e-6
 """Largest deviation of the first moment from 1: the rounding of printed tables."""
 _LEAST_OF_SERIES = 1e-3

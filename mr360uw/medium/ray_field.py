@@ -68,7 +68,7 @@ class LambertFloor:
     albedo: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.depth_m) and self.depth_m > 0.0):
+        if self.depth_m <= 0.0:
             raise ParameterError(f"floor - must lie below the surface (got {self.depth_m!r} m) - give a depth above 0")
         if not self.albedo or not all(0.0 <= a <= 1.0 for a in self.albedo):
             raise ParameterError(f"floor - albedo must lie in [0, 1] (got {self.albedo!r:.60}) - correct it")
@@ -76,8 +76,6 @@ class LambertFloor:
 
 def index_below(surface: SurfaceKind, refractive_index: float) -> float:
     """Return the refractive index that a surface bounds, 1 for "none"; raise `ParameterError`."""
-    if surface not in ("snell", "none"):
-        raise ParameterError(f"surface - unknown (got {surface!r}) - take 'snell' or 'none'")
     if not 1.0 <= refractive_index <= 4.0:
         raise ParameterError(f"refractive_index - must lie in [1, 4] (got {refractive_index}) - sea water has 1.34")
     return refractive_index if surface == "snell" else 1.0

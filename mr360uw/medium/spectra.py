@@ -405,13 +405,6 @@ def _cie1931() -> Sensor:
     return Sensor(name, Spectrum(name, table["wavelength_nm"], xyz), _REC709_FROM_XYZ)
 
 
-def checked_sensor(sensor: Sensor | None) -> Sensor:
-    """Return a sensor, the default camera for None; raise `ParameterError` for anything else."""
-    if sensor is None:
-        return Sensor.camera(DEFAULT_SENSOR)
-    return instance("sensor", sensor, Sensor, 'make one, as by Sensor.camera("Insta360 X5")')
-
-
 def named_sensor(name: str) -> Sensor:
     """Return the sensor of a name: "CIE 1931", a CSV file, or a built-in camera."""
     if name.casefold().replace(" ", "") == "cie1931":

@@ -21,7 +21,7 @@ from pydantic import PositiveInt
 
 from mr360uw.base.cache import shared
 from mr360uw.base.constants import MEAN_COSINE_SEA
-from mr360uw.base.parameters import checked, exactly, number, numbers
+from mr360uw.base.parameters import checked, exactly, numbers
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
 from mr360uw.medium.spectra import Spectrum, builtin_spectrum, builtin_table, read_columns
@@ -56,8 +56,6 @@ def molecular_part(b: Spectrum) -> Spectrum:
 def _kd_table(water_type: JerlovType, source: Diffuse) -> Spectrum | None:
     if source == "lee2005":
         return None
-    if source not in get_args(Diffuse):
-        raise ParameterError(f"kd - unknown source (got {source!r}) - take one of {get_args(Diffuse)}")
     table = f"{source}_kd.csv"
     if water_type not in builtin_table(table):
         raise ParameterError(f"kd - {source} has no type {water_type} - take another source or type")
@@ -506,7 +504,7 @@ class Water(Shown):
         >>> uw.medium.Water.chlorophyll(0.3).absorption(440.0).round(3)
         np.float64(0.034)
         """
-        if not 0.01 <= number("chlorophyll", mg_m3) <= 20.0:
+        if not 0.01 <= mg_m3 <= 20.0:
             raise ParameterError(f"chlorophyll - outside the models (got {mg_m3!r} mg/m^3) - choose 0.01 to 20")
         # Absorption by water, particles and dissolved matter
         table = builtin_table("morel_maritorena2001_kd.csv")
@@ -644,8 +642,6 @@ _COLUMN = {"wavelength": "wavelength_nm", "wl_nm": "wavelength_nm", "a": "absorp
 @shared(keep=64)
 def _jerlov(water_type: JerlovType, inherent: Inherent, kd: Diffuse | None, phase: Phase | None) -> Water:
     # one object for each type, so that the field solved for it is found again
-    if inherent not in get_args(Inherent):
-        raise ParameterError(f"inherent - unknown source (got {inherent!r}) - take one of {get_args(Inherent)}")
     types = [name for name in builtin_table(f"{inherent}_absorption.csv") if name != "wavelength_nm"]
     if water_type not in types:
         raise ParameterError(f"water - no such Jerlov type (got {water_type!r}) - take one of {', '.join(types)}")

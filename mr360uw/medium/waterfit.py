@@ -20,7 +20,7 @@ import numpy as np
 
 from mr360uw.base.color import encode
 from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
-from mr360uw.base.parameters import checked, number, whole
+from mr360uw.base.parameters import checked, whole
 from mr360uw.errors import ParameterError
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.open_water import PlateProfile
@@ -177,7 +177,6 @@ def fit_water(
     >>> uw.medium.fit_water(light.residual, camera_depth_m=4.0).water_type in uw.medium.JERLOV_TYPES
     True
     """
-    number("camera_depth_m", camera_depth_m)
     profile = PlateProfile.from_map(radiance_map)
     up = profile.up[np.abs(np.arcsin(profile.up)) <= _REACH_RAD]
     both = (_fit(profile, rows, camera_depth_m, sensor, refractive_index) for rows in (up, up[up > 0.0]))

@@ -19,7 +19,7 @@ import itertools
 import json
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from mr360uw.base.disk_cache import kept_arrays
 from mr360uw.base.parameters import checked, vectors, whole
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import closed_form
-from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, VISIBLE_NM, Sensor, checked_sensor, illuminant
+from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, VISIBLE_NM, Sensor, illuminant
 from mr360uw.medium.water import JERLOV_TYPES, Water
 from mr360uw.types import Array
 
@@ -133,10 +133,8 @@ def bands(
     ([450.0, 550.0, 650.0], [1.0, 1.0, 1.0])
     """
     # Check the arguments
-    sensor = checked_sensor(sensor)
+    sensor = sensor or Sensor.camera(DEFAULT_SENSOR)
     n = whole("bands", n, 1, 1000)
-    if rule not in get_args(Rule):
-        raise ParameterError(f"rule - unknown (got {rule!r}) - take one of {', '.join(get_args(Rule))}")
     low, high = range_nm
     known = sensor.curves.wavelength_nm
     if not known[0] <= low < high <= known[-1]:

@@ -105,12 +105,6 @@ class SeaScene:
         caustics: CausticSettings | None = None,
     ) -> None:
         check_refractive_index(refractive_index)
-        if not isinstance(floor, Floor) and (not isinstance(floor, tuple) or len(floor) != 2):
-            raise ParameterError(
-                f"floor - must be a Floor, or height and albedo (got {floor!r:.40}) - give (-5.0, 0.3)"
-            )
-        if water is not None and not isinstance(water, Water | Medium):
-            raise ParameterError(f"water - must be a Water, a Medium or None (got {water!r:.40}) - see uw.medium.Water")
         self.sea, self.dome, self.water = sea, Dome(dome), water
         self.sun, self.refractive_index = _checked(sun), refractive_index
         self.floor = floor if isinstance(floor, Floor) else Floor(*floor)

@@ -52,7 +52,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.base.cache import Parts
 from mr360uw.base.caustic_lookup import caustic_lookup, levels_of
 from mr360uw.base.constants import LONGEST_RAY_M, MINIMUM_SUN_UP, NEAREST_LAMP_M
-from mr360uw.base.parameters import checked, common_shape, exactly, number, numbers
+from mr360uw.base.parameters import checked, common_shape, exactly, numbers
 from mr360uw.base.sphere import disc_directions, effective_half_angle, unit
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import exponential_integral, ray_in_water
@@ -148,7 +148,7 @@ def single_scattering(
     # Check the numbers
     a, b = _coefficients(absorption, scattering)
     check_phase(phase)
-    surface = view.surface_y_m if surface_y_m is None else number("surface_y_m", surface_y_m)
+    surface = view.surface_y_m if surface_y_m is None else surface_y_m
     if steps < 1 or sun_samples < 1 or (tolerance is not None and not tolerance > 0.0):
         raise ParameterError(
             f"steps - steps and sun_samples must be 1 or more, tolerance above 0 (got {steps}, {sun_samples}, "
@@ -278,13 +278,6 @@ class BeamPattern(Parts):
     surface_y_m: float
     samples: int
     spread_rad: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.caustics is not None and not isinstance(self.caustics, CausticStack):
-            raise ParameterError(
-                f"caustics - not a stack (got {type(self.caustics).__name__}) - give what uw.caustics.caustic_stack "
-                "returns, or None"
-            )
 
     @property
     def even(self) -> bool:
