@@ -26,10 +26,15 @@ from mr360uw.medium.water import JerlovType, Water, molecular_part
 from mr360uw.types import Array
 
 
+def together(*values: ArrayLike) -> tuple[Array, ...]:
+    """Return numbers as arrays of one shape, to which they are repeated; read only."""
+    return tuple(np.broadcast_arrays(*(np.asarray(x, np.float64) for x in values)))
+
+
 def ray_in_water(distance: ArrayLike, depth: ArrayLike, up: ArrayLike) -> Array:
     """Return the length (...,) [m] of a ray from `depth` that lies below the mean surface, at most `LONGEST_RAY_M`."""
     common_shape("distance_m", distance_m=distance, depth_m=depth, up=up)
-    s, y, mu = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance, depth, up)))
+    s, y, mu = together(distance, depth, up)
     out = np.divide(np.maximum(y, 0.0), mu, out=np.full(s.shape, LONGEST_RAY_M), where=mu > 0.0)
     return np.minimum(np.maximum(s, 0.0), np.minimum(out, LONGEST_RAY_M))
 

@@ -25,7 +25,7 @@ from mr360uw.base.optics import fresnel_from_below
 from mr360uw.base.parameters import checked, exactly, numbers
 from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
-from mr360uw.medium.closed_form import check_ray, ray_in_water
+from mr360uw.medium.closed_form import check_ray, ray_in_water, together
 from mr360uw.medium.phase import Phase
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind, at_surface, bounded, floor_at, length_to
 from mr360uw.medium.spectra import read_columns
@@ -257,9 +257,8 @@ class LayeredField:
         array([1.])
         """
         check_ray(0.0, depth_m, normal_up)
-        y, normal = np.broadcast_arrays(
-            np.minimum(np.asarray(depth_m, np.float64), self._floor_m), np.asarray(normal_up, np.float64)
-        )
+        y, normal = together(depth_m, normal_up)
+        y = np.minimum(y, self._floor_m)
         return self._in_layers(y, lambda layer, at: layer.irradiance(y[at], normal[at]))
 
     def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
@@ -371,7 +370,7 @@ class LayeredField:
         array([0.0202])
         """
         check_ray(distance_m, depth_m, up)
-        s, y, mu = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))
+        s, y, mu = together(distance_m, depth_m, up)
         return np.exp(-self._along(self.absorption + self.scattering, s, y, mu))
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
@@ -416,9 +415,8 @@ class LayeredField:
                [0.0039]])
         """
         check_ray(distance_m, depth_m, up)
-        y, mu = (np.asarray(x, np.float64) for x in (depth_m, up))
-        s = np.minimum(ray_in_water(distance_m, y, mu), length_to(self._floor_m, y, mu))
-        s, y, mu = np.broadcast_arrays(s, y, mu)
+        s, y, mu = together(ray_in_water(distance_m, depth_m, up), depth_m, up)
+        s = np.minimum(s, length_to(self._floor_m, y, mu))
         ends = np.maximum(y - s * mu, 0.0)
         # light of the forward peak: lost from the ray at a + b, put back by the scattering of what lies behind
         kept, left = (np.exp(-self._along(c, s, y, mu)) for c in (self._faded, self.absorption + self.scattering))
@@ -460,7 +458,7 @@ class LayeredField:
                [0.0057]])
         """
         check_ray(0.0, depth_m, up)
-        y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
+        y, mu = together(depth_m, up)
         y = np.minimum(y, self._floor_m)
         s = np.minimum(ray_in_water(np.inf, y, mu), length_to(self._floor_m, y, mu))
         behind = np.zeros((*s.shape, self.absorption.shape[1]))

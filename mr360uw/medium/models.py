@@ -18,7 +18,7 @@ from mr360uw.base.cache import shared
 from mr360uw.base.constants import INV_4PI, REFRACTIVE_INDEX_SEA
 from mr360uw.base.optics import critical_cosine
 from mr360uw.base.parameters import checked
-from mr360uw.medium.closed_form import path_integral, ray_in_water
+from mr360uw.medium.closed_form import path_integral, ray_in_water, together
 from mr360uw.medium.phase import Mixture
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
@@ -49,7 +49,7 @@ class UndirectedModel:
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
         """Return exp(-diffuse y) for every normal."""
-        y = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up))[0]
+        y = together(depth_m, normal_up)[0]
         return np.exp(-self.diffuse * y[..., None])
 
 
@@ -85,7 +85,7 @@ class FormationModel(UndirectedModel):
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return B (1 - exp(-beta_B z)), the same in every direction and at every depth."""
-        s = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))[0][..., None]
+        s = together(distance_m, depth_m, up)[0][..., None]
         return -self.veil * np.expm1(-self.backscatter * s)
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
@@ -128,7 +128,7 @@ class FieldModel:
         """Return `inscatter` (..., r, a, n) at depths (...,) of endless rays in directions of y (r,), at azimuths (a,)
         from the sun's.
         """
-        depth, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64)[..., None], up)
+        depth, mu = together(np.asarray(depth_m)[..., None], up)
 
         def gained(part: LightField) -> Array:
             seen = FieldModel(part, self.part)
@@ -156,15 +156,13 @@ class FieldModel:
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the light (..., n) that rays gain on the way to the camera."""
-        s, y, mu = np.broadcast_arrays(
-            ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
-        )
+        s, y, mu = together(ray_in_water(distance_m, depth_m, up), depth_m, up)
         # towards a sun without Snell's window its glow is brighter at the ray's end
         return np.maximum(self._mixed(self._complement, self.wide.inscatter, s, y, mu), 0.0)
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) of water and sky along the same rays."""
-        y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
+        y, mu = together(depth_m, up)
         return self._mixed(self.field.radiance, self.wide.radiance, y, mu)
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:

@@ -26,7 +26,7 @@ from mr360uw.base.parameters import checked
 from mr360uw.base.sphere import gauss_legendre
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact, fast
-from mr360uw.medium.closed_form import check_ray, ray_in_water
+from mr360uw.medium.closed_form import check_ray, ray_in_water, together
 from mr360uw.medium.phase import Scatterers, legendre_polynomials
 from mr360uw.types import Array
 
@@ -166,9 +166,7 @@ class RayField:
         water goes on and scatters what it does at the floor, which keeps tables smooth.
         """
         check_ray(distance_m, depth_m, up)
-        s, y, mu = np.broadcast_arrays(
-            ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
-        )
+        s, y, mu = together(ray_in_water(distance_m, depth_m, up), depth_m, up)
         result = self._within(s, y, mu)
         deeper = np.maximum(s - self.to_floor(y, mu), 0.0)
         below = deeper > 0.0
@@ -194,7 +192,7 @@ class RayField:
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) that arrives at a depth from the directions `up`, without the sun's beam."""
         check_ray(0.0, depth_m, up)
-        y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
+        y, mu = together(depth_m, up)
         s = np.minimum(ray_in_water(np.inf, y, mu), self.to_floor(y, mu))
         result = self._within(s, y, mu) + np.exp(-self.extinction * s[..., None]) * self.floor
         rising = mu > 0.0
@@ -205,7 +203,7 @@ class RayField:
 
     def scattered(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance [1/m] (..., n) that the water at a depth scatters into rays."""
-        y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
+        y, mu = together(depth_m, up)
         rays, place = np.unique(np.stack([mu.ravel(), y.ravel()]), axis=1, return_inverse=True)
         modes = np.exp(-self.rate * (np.minimum(rays[1], self.floor_m)[:, None, None] - self.origin_m))
         result = np.sum(self._source_modes(rays[0]) * modes, axis=-1)

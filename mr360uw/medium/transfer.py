@@ -34,7 +34,7 @@ from mr360uw.base.optics import critical_cosine, fresnel_from_below
 from mr360uw.base.parameters import checked, common_shape, numbers
 from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
-from mr360uw.medium.closed_form import check_ray, ray_in_water
+from mr360uw.medium.closed_form import check_ray, ray_in_water, together
 from mr360uw.medium.phase import Mixture, Phase, Scatterers, legendre_polynomials, without_peak
 from mr360uw.medium.ray_field import (
     LambertFloor,
@@ -139,10 +139,8 @@ class LightField:
                 f"light field - coefficients must be (n,) or one number (got {np.shape(absorption)} and "
                 f"{np.shape(scattering)}) - flatten them"
             )
-        self.absorption, self.scattering = (
-            np.array(x, np.float64)
-            for x in np.broadcast_arrays(np.atleast_1d(np.asarray(absorption)), np.atleast_1d(np.asarray(scattering)))
-        )
+        both = together(np.atleast_1d(absorption), np.atleast_1d(scattering))
+        self.absorption, self.scattering = (np.array(x) for x in both)
         if not np.all(self.absorption > 0.0) or not np.all(self.scattering >= 0.0):
             raise ParameterError(
                 f"light field - absorption must be above and scattering at least zero "
@@ -365,9 +363,7 @@ class LightField:
         array([[0.    ],
                [0.0238]])
         """
-        s, y, mu = np.broadcast_arrays(
-            ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
-        )
+        s, y, mu = together(ray_in_water(distance_m, depth_m, up), depth_m, up)
         # light of the forward peak: lost from the ray at c, put back by the scattering of what lies behind
         peak = self.scattering * self._peak
         regained = np.exp(-self.rays.extinction * s[..., None]) * -np.expm1(-peak * s[..., None])
@@ -448,9 +444,8 @@ class LightField:
                [0.266]])
         """
         check_ray(0.0, depth_m, normal_up)
-        y, normal = np.broadcast_arrays(
-            np.minimum(np.asarray(depth_m, np.float64), self._floor_m), np.asarray(normal_up, np.float64)
-        )
+        y, normal = together(depth_m, normal_up)
+        y = np.minimum(y, self._floor_m)
         normals, place = np.unique(normal, return_inverse=True)  # tables ask for few normals at many depths
         down = cosine_kernel(self.mu, normals[:, None]) * self.weight
         up = cosine_kernel(-self.mu, normals[:, None]) * self.weight
