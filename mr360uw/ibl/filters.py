@@ -35,9 +35,9 @@ from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.settings import MINIMUM_ROUGHNESS
 from mr360uw.published import harmonic_irradiance
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 
-Kernel = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Kernel = Callable[[Array], Array]
 
 _SAMPLES = 16
 """Midpoint samples of one 64 x 32 pixel along each axis: error 2e-5 of a cosine's peak, a quarter of it with 32."""
@@ -102,7 +102,7 @@ class ZonalFilter:
 
 
 @functools.cache
-def _transform_matrix() -> NDArray[np.float64]:
+def _transform_matrix() -> Array:
     """Return the Fourier transform of 64 real numbers as a matrix, (2, 33, 64): real and imaginary part."""
     matrix = np.fft.rfft(np.eye(COLUMNS), axis=0)
     return np.stack([matrix.real, matrix.imag])
@@ -130,7 +130,7 @@ def cosine_beam(direction: ArrayLike, irradiance: ArrayLike) -> Floats:
 
 
 @functools.cache
-def _normals() -> NDArray[np.float64]:
+def _normals() -> Array:
     return directions(COLUMNS, ROWS)
 
 
@@ -177,14 +177,14 @@ def irradiance(radiance: ArrayLike, method: Literal["exact", "sh9"] = "exact") -
     return cosine_filter(scale)(radiance) if method == "exact" else harmonic_irradiance(radiance)
 
 
-def ggx_distribution(cos_half: ArrayLike, roughness: float) -> NDArray[np.float64]:
+def ggx_distribution(cos_half: ArrayLike, roughness: float) -> Array:
     """Return the GGX normal distribution D [1/sr] at the cosine between normal and half vector."""
     alpha_squared = roughness**4
     c2 = np.square(np.asarray(cos_half, np.float64))
     return alpha_squared / (np.pi * np.square(c2 * (alpha_squared - 1.0) + 1.0))
 
 
-def ggx_kernel(cosine: ArrayLike, roughness: float) -> NDArray[np.float64]:
+def ggx_kernel(cosine: ArrayLike, roughness: float) -> Array:
     """Return the prefilter's weight, not normalised, of light at `cosine` = n.l."""
     cosine = np.asarray(cosine, np.float64)
     lit = np.maximum(cosine, 0.0)
@@ -274,9 +274,6 @@ def glossy_levels(radiance: ArrayLike, roughness: ArrayLike) -> Floats:
 # A + B and .003 of B, within .04 and .015 where n.v > .1; B vanishes at n.v = 1 as it must, or every dark dielectric
 # would look hazy. (The widely used fit of Karis 2014 is off by up to .47 for rough metals.)
 # Twin: splitsum.glsl.
-
-
-Array = NDArray[np.float64]
 
 
 def split_sum(roughness: ArrayLike, n_dot_v: ArrayLike) -> tuple[Array, Array]:

@@ -44,7 +44,7 @@ from mr360uw.base.texels import smoothstep
 from mr360uw.ibl.lookup import reduce_map, reduce_maximum
 from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, patch_directions, patch_step, plate_sines
 from mr360uw.ibl.tilt import elevation_sine
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 
 _DOUBT = (0.2, 0.8)
 """Doubt up to which a spot surely is a sun, and from which it is none. The middle is that of the gap, 0.31 to 0.72,
@@ -203,8 +203,6 @@ def _edged(blob: Blob) -> tuple[float, str]:
     edge = max(_falling(blob.halo, 0.55, 0.8), _falling(blob.radius_rad / max(blob.extent_rad, 1e-9), 0.7, 0.4))
     return edge, f"no edge: the sky about it is {100.0 * blob.halo:.0f} % as bright"
 
-
-Array = NDArray[np.float64]
 
 _QUANTILE = 0.3
 """Share of the sky that is darker than the fit: the clear part between clouds."""

@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.base.color import luminance
 from mr360uw.base.files import check_outputs, write_whole
@@ -38,9 +37,7 @@ from mr360uw.base.parameters import checked, exactly, numbers
 from mr360uw.base.sphere import direction_from_angles
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.sun.spots import taken_share
-from mr360uw.types import Environment, Floats, Sun, sample_step
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Environment, Floats, Sun, sample_step
 
 _MEDIAN = 5
 """Frames on either side whose median direction a jump is judged by; shorter disturbances are no cut."""

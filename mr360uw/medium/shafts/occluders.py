@@ -29,9 +29,7 @@ from mr360uw.base.rays import PlacedScene, RayScene, raise_to_triangles
 from mr360uw.base.sphere import basis
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
-from mr360uw.types import Floats
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats
 
 _BEYOND_M = 1e-4
 """How far [m] behind a hit the next one is searched for: above the roundings of rays, below the size of a body."""

@@ -71,9 +71,7 @@ from mr360uw.medium.shafts.single_scattering import (
     view_directions,
 )
 from mr360uw.medium.shafts.sun_beam import SunBeam
-from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, CausticStack, Floats, Lamp, Sun, View
 
 _TOGETHER = 1 << 13
 """Nodes computed together, which bounds memory."""

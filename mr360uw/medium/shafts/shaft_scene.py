@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.base.cache import Parts, shared
 from mr360uw.base.color import luminance
@@ -40,9 +39,7 @@ from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.phase import Mixture
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
 from mr360uw.medium.shafts.single_scattering import BeamPattern, camera_depth_m, lamp_segments, segment_points
-from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, CausticStack, Floats, Lamp, Sun, View
 
 SPREAD_RAD = float(np.radians(5.0))
 """Standard deviation of the directions of light that has turned by small angles, where no scene says it

@@ -47,7 +47,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.base.cache import Parts
 from mr360uw.base.caustic_lookup import caustic_lookup, levels_of
@@ -58,9 +58,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import exponential_integral, ray_in_water
 from mr360uw.medium.phase import Phase, check_phase, phase_function
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
-from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, CausticStack, Floats, Lamp, Sun, View
 
 STEPS = 256
 """Segments of a ray: the shadow of a ball is within 2 % of the exact integral. The error is inverse to them."""

@@ -30,9 +30,7 @@ from mr360uw.jit import fast, inlined
 from mr360uw.medium.shafts.occluders import DISC_TAPS, HALO_TAPS, Outlines, ShadowMaps, shadows_in, visible_parts
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.medium.shafts.single_scattering import BeamPattern, radius_at
-from mr360uw.types import CausticStack
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, CausticStack
 
 _HEIGHTS = 257
 """Heights of rays at which the light of segments is tabulated."""
