@@ -257,20 +257,6 @@ class GerstnerSea(SeaParameters):
         """As of every sea; explicit waves are the whole sea unless `detail_slope` is given."""
         return 0.0 if self.explicit_waves and self.detail_slope is None else super().detail_rms_slope
 
-    def _make_waves(self) -> Waves:
-        if self.explicit_waves:
-            k = np.array([w.wave_vector for w in self.explicit_waves])
-            amplitude, steepness, phase = np.array(
-                [(w.amplitude_m, w.steepness, w.phase_rad) for w in self.explicit_waves]
-            ).T
-            k = lattice_vector(k, self.tile_m)
-        else:
-            k, amplitude, phase = self._random_waves()
-            length = np.linalg.norm(k, axis=1)
-            steepness = np.full(len(k), self.steepness / max(1.0, float(np.sum(length * amplitude))))
-        frequency = looping_frequency(angular_frequency(np.linalg.norm(k, axis=1), self.water_depth_m), self.loop_s)
-        return Waves(k, amplitude, steepness, phase, frequency)
-
     def _random_waves(self) -> tuple[Array, Array, Array]:
         """Return wave vectors (n, 2) [rad/m] that repeat after the tile, amplitudes (n,) [m] and phases (n,) [rad]."""
         # Bound the wavelengths: by the tile, and by the wind that waves were drawn for
@@ -357,4 +343,13 @@ def _grid_phases_of(sea: GerstnerSea, size: int) -> tuple[Array, Complex]:
 @shared(keep=32)
 def _waves_of(sea: GerstnerSea) -> Waves:
     # kept outside of the frozen model, whose copies would carry it along
-    return sea._make_waves()
+    if sea.explicit_waves:
+        k = lattice_vector(np.array([w.wave_vector for w in sea.explicit_waves]), sea.tile_m)
+        numbers = [(w.amplitude_m, w.steepness, w.phase_rad) for w in sea.explicit_waves]
+        amplitude, steepness, phase = np.array(numbers).T
+    else:
+        k, amplitude, phase = sea._random_waves()
+        length = np.linalg.norm(k, axis=1)
+        steepness = np.full(len(k), sea.steepness / max(1.0, float(np.sum(length * amplitude))))
+    frequency = looping_frequency(angular_frequency(np.linalg.norm(k, axis=1), sea.water_depth_m), sea.loop_s)
+    return Waves(k, amplitude, steepness, phase, frequency)

@@ -185,7 +185,7 @@ class RayField:
         rays, place = np.unique(asked, axis=1, return_inverse=True)
         mu, y, distance = np.ascontiguousarray(rays)
         directions, which = np.unique(mu, return_inverse=True)
-        source = self._source_modes(directions)
+        source = _source_of(self, directions.tobytes())
         result = sum_modes(source, self.rate, self.origin_m, self.extinction, directions, which, y, distance)
         return result[place.ravel()].reshape(*s.shape, len(self.extinction))
 
@@ -206,7 +206,7 @@ class RayField:
         y, mu = together(depth_m, up)
         rays, place = np.unique(np.stack([mu.ravel(), y.ravel()]), axis=1, return_inverse=True)
         modes = np.exp(-self.rate * (np.minimum(rays[1], self.floor_m)[:, None, None] - self.origin_m))
-        result = np.sum(self._source_modes(rays[0]) * modes, axis=-1)
+        result = np.sum(_source_of(self, rays[0].tobytes()) * modes, axis=-1)
         return np.asarray(result[place.ravel()].reshape(*mu.shape, -1))
 
     def below_surface(self, up: ArrayLike) -> Array:
@@ -220,13 +220,10 @@ class RayField:
         """Return the length (...,) [m] of rays down to the floor, infinite for others."""
         return length_to(self.floor_m, y, mu)
 
-    def _source_modes(self, mu: Array) -> Array:
-        """Return the source (r, n, j) of every mode in directions mu (r,), where it has its amount."""
-        return _source_of(self, mu.tobytes())
-
 
 @shared(keep=2)
 def _source_of(rays: RayField, directions: bytes) -> Array:
+    """Return the source (r, n, j) of every mode in directions mu (r,), where it has its amount."""
     mu, azimuth = np.frombuffer(directions), 0.0 if rays.azimuth_rad is None else rays.azimuth_rad
     modes, end = np.zeros((len(mu), *rays.rate.shape)), 0
     for order, source in rays.source.items():

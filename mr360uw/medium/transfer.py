@@ -294,10 +294,8 @@ class LightField:
         of_beam = functools.partial(scattered_beam, (kinds, shares * self.scattering * self.beam), self.sun_mu)
         # All that is seen, as modes; of the beam alone the last of them, without light
         shown, last = self._shown, self._even.modes
-        rates, origins = (
-            [light.modes.rate for light in shown.values()],
-            [light.modes.origin_m for light in shown.values()],
-        )
+        modes = [light.modes for light in shown.values()]
+        rates, origins = [of_order.rate for of_order in modes], [of_order.origin_m for of_order in modes]
         if not shown:
             rates, origins = [np.tile(last.rate[:, -1:], (self._azimuths, 1))], [last.origin_m[-1:]]
         return RayField(

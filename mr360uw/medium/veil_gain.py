@@ -261,15 +261,14 @@ class GainSeries(Generic[Frame]):
         if self._waiting and self._last is not None:
             last, count = self._last, len(self._waiting) + 1
             moved = picture_change(last.shown, here.shown)
-            if moved > UNCHANGED or exposure_change(last.shown, here.shown) != 0.0:
-                self._measure_waiting()
-            else:
+            if moved <= UNCHANGED and exposure_change(last.shown, here.shown) == 0.0:
                 for share in np.arange(1, count) / count:
                     gain = (1.0 - share) * last.gain + share * here.gain
                     self._append(gain, (1.0 - share) * last.residual + share * here.residual, (0.0, moved / count))
                 self._append(here.gain, here.residual, (0.0, moved / count))
                 self._last, self._waiting = here, []
                 return
+            self._measure_waiting()
         self._append_measured(here)
 
     def steady(self) -> Floats:

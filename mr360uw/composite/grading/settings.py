@@ -51,10 +51,6 @@ class PlateGrade:
         """Distance [px] within which a pixel changes others."""
         return ceil_px(self.softness_px) + (ceil_px(self.sharpening_px) if self.sharpening > 0.0 else 0)
 
-    def softened(self, image: Floats) -> Floats:
-        """Return a picture (h, w, 4) with the softness; pixels change within `reach_px`."""
-        return gaussian(image, self.softness_px)
-
     def of_scene(self, settings: MatchSettings, columns: int, scale: float = 1.0) -> PlateGrade:
         """Return the look that a scene asks for in frames of `columns`, `scale` times as large as its plate.
 

@@ -64,7 +64,7 @@ def _matched(layer: Layer, part: Rectangle, grade: PlateGrade, plate: Plate) -> 
     around = _around(layer, part, reach)
     if not np.any(around[..., 3] > 0.0):
         return tile
-    soft = grade.softened(around)
+    soft = gaussian(around, grade.softness_px)
     inside = slice(reach, reach + part.height), slice(reach, reach + part.width)
     inner = soft[inside]
     alpha = np.where(inner[..., 3] < _FAINTEST, 0.0, np.minimum(inner[..., 3], 1.0)).astype(np.float32)
