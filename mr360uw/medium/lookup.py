@@ -17,7 +17,6 @@ from mr360uw.base.constants import BRIGHTEST_LOG, GAMUT_POWER, GAMUT_THRESHOLD
 from mr360uw.base.disk_cache import kept_arrays
 from mr360uw.base.parameters import vectors
 from mr360uw.base.texels import between_four
-from mr360uw.medium.closed_form import together
 from mr360uw.medium.models import FieldModel, FormationModel, SpectralModel
 from mr360uw.medium.wavelengths import Bands
 from mr360uw.types import Array, Floats, MediumTable
@@ -32,7 +31,7 @@ def table_coordinate(length: ArrayLike, length_m: float) -> Floats:
 def bilinear(table: Floats, u: ArrayLike, v: ArrayLike) -> Floats:
     """Return values (..., 3) of a table (U, V, 3) at coordinates in [0, 1], nodes at the ends."""
     rows, columns = table.shape[:2]
-    u, v = together(u, v)
+    u, v = np.broadcast_arrays(np.asarray(u, np.float64), np.asarray(v, np.float64))
     x, y = np.clip(u, 0.0, 1.0) * (rows - 1), np.clip(v, 0.0, 1.0) * (columns - 1)
     i, j = np.minimum(x.astype(np.int64), rows - 2), np.minimum(y.astype(np.int64), columns - 2)
     fx, fy = (x - i)[..., None], (y - j)[..., None]
@@ -49,7 +48,7 @@ def linear(table: Floats, u: ArrayLike) -> Floats:
 
 def in_water_distance(distance_m: ArrayLike, camera_depth_m: float, up: ArrayLike) -> Floats:
     """Return the length (...,) [m] of a camera ray that lies below the mean surface."""
-    s, mu = together(distance_m, up)
+    s, mu = np.broadcast_arrays(np.asarray(distance_m, np.float64), np.asarray(up, np.float64))
     return np.minimum(s, camera_depth_m / np.maximum(mu, 1e-9))
 
 
