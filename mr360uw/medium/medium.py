@@ -176,7 +176,8 @@ class Medium:
         beam_alone = isinstance(self.sky, tuple) and self.sky[2] == 1.0
         glow = None if self.floor_m is None or beam_alone else self._glow
         with one_blas_thread():
-            table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil, model, glow)
+            of_light = self.light, self.camera_depth_m, self.length_m, self.unit_veil
+            table = medium_table(*of_light, model, glow, rough=self.rough)
         if table.glow is not None:
             table = replace(table, glow=table.glow - table.veil * self.glow_level)
         return replace(table, refractive_index=self.refractive_index)
@@ -390,8 +391,8 @@ class Medium:
         return self._changed(shade=float(shade))
 
     def for_drafts(self) -> Medium:
-        """Return the same medium, whose light about the sun is computed roughly, see `around_sun`."""
-        return self._changed(rough=True)
+        """Return the same medium, whose tables and light about the sun are computed roughly, see `around_sun`."""
+        return self._changed("unit_table", rough=True)
 
     def _lit(self, way_m: Array) -> Array:
         return 1.0 - self.shade * np.exp(-CONTRAST_LENGTHS / visibility_m(self.water) * way_m)[..., None]

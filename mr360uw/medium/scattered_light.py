@@ -25,7 +25,7 @@ from mr360uw.base.constants import PI
 from mr360uw.base.disk_cache import kept_arrays
 from mr360uw.base.progress import one_blas_thread
 from mr360uw.base.sphere import directions, gauss_legendre, row_solid_angle
-from mr360uw.medium.lookup import NORMALS, depth_nodes, diffuse_table, normal_nodes
+from mr360uw.medium.lookup import depth_nodes, diffuse_table, normal_nodes
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import FieldModel, SpectralModel
 from mr360uw.medium.open_water import COLUMNS, MIDDLE, ROWS, row_up, typical
@@ -47,11 +47,12 @@ def ambient_parts(medium: Medium, down: Floats, up: Floats, sun: Floats, sun_up:
     down, up: (3,) measured irradiance at the camera of level planes that face up and down, without the sun's beam. sun:
     (3,) irradiance across the beam, 0 for none; sun_up: y of its direction.
     """
-    depth, here = depth_nodes(medium.length_m, medium.light.deepest_m), np.array([medium.camera_depth_m])
+    depth = depth_nodes(medium.length_m, medium.light.deepest_m, rough=medium.rough)
+    here = np.array([medium.camera_depth_m])
     # Light the water by a sky of strength 1, by the measured sun, and by a floor of radiance 1
     skies: list[tuple[Sky, float | None]] = [(medium.sky, None)]
     amounts: list[Array] = [np.ones(3)]
-    of_sun, of_glow = np.zeros((NORMALS, 3)), np.zeros((NORMALS, 3))
+    of_sun = of_glow = np.zeros((len(normal_nodes(rough=medium.rough)), 3))
     if np.any(sun > 0.0):
         sun_up = min(max(round(sun_up / _STEP), 1) * _STEP, 1.0)
         skies.append((("sun", sun_up, 1.0), sun_up))
@@ -91,14 +92,14 @@ def _two_lights(sky: Array, glow: Array, first: Array, second: Array) -> tuple[A
 
 def _on_normals(medium: Medium, sky: Sky, sun_up: float | None, depth_m: Array) -> Array:
     """Return the irradiance (N, D, 3) on `normal_nodes` at depths, without the beam of a sun."""
-    light = _solved(medium.under(sky).model, sun_up, depth_m.tobytes())
+    light = _solved(medium.under(sky).model, sun_up, depth_m.tobytes(), medium.rough)
     return np.asarray(light @ (medium.floor_lobes if sky == "floor" else medium.bands.lobes))
 
 
 @shared(keep=32)
-def _solved(model: SpectralModel, sun_up: float | None, depths: bytes) -> Array:
+def _solved(model: SpectralModel, sun_up: float | None, depths: bytes, rough: bool) -> Array:
     """Return the same at the model's wavelengths, (N, D, n)."""
-    depth, normal = np.frombuffer(depths), normal_nodes()[:, None]
+    depth, normal = np.frombuffer(depths), normal_nodes(rough=rough)[:, None]
     light = model.irradiance(depth, normal)
     if sun_up is not None:
         facing = cosine_kernel(np.array(sun_up), normal) / (2.0 * PI * sun_up)

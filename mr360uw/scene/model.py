@@ -7,6 +7,7 @@ files, and reports every problem of a file at once.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -323,12 +324,7 @@ class Scene(Parameters):
 
         What is computed from it can depend on nothing else. instead: values that other tables have.
         """
-        fields = type(self).model_fields
-        others = {
-            name: field.get_default(call_default_factory=True)
-            for name, field in fields.items()
-            if name != "plate" and name not in names
-        }
+        others = {name: value for name, value in _default_tables().items() if name != "plate" and name not in names}
         return self.model_copy(update=others | instead)
 
     def to_toml(self) -> str:
@@ -420,6 +416,12 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
 def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", lines: Lines | None = None) -> Scene:
     """Return the scene of nested dictionaries as a TOML file gives them; raise `SceneError` with every problem."""
     return model_from_dict(Scene, data, folder, where, lines)
+
+
+@functools.cache
+def _default_tables() -> dict[str, Any]:
+    """Return the default of every table of a scene, frozen as they are."""
+    return {name: field.get_default(call_default_factory=True) for name, field in Scene.model_fields.items()}
 
 
 def at_scale(scene: Scene, scale: float | None) -> Scene:

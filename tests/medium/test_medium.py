@@ -21,7 +21,15 @@ from mr360uw.medium import (
 from mr360uw.medium.closed_form import ray_in_water, visibility_m
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, veil_lookup
 from tests.medium.picture import Scene, relative_rms, render
-from tests.medium.tolerances import ANALYTIC_FIELD, FLOAT64, PICTURE_ISOTROPIC, PICTURE_PEAKED, TABLE_MEAN, TABLE_P95
+from tests.medium.tolerances import (
+    ANALYTIC_FIELD,
+    DRAFT_TABLE,
+    FLOAT64,
+    PICTURE_ISOTROPIC,
+    PICTURE_PEAKED,
+    TABLE_MEAN,
+    TABLE_P95,
+)
 from tests.reference import reference_arrays
 
 DEPTH = 5.0
@@ -33,9 +41,9 @@ def rays(rng: np.random.Generator, count: int, length_m: float) -> tuple[np.ndar
     return ray_in_water(0.05 + rng.exponential(length_m, count), DEPTH, up), up
 
 
-def within_table_accuracy(got: np.ndarray, expected: np.ndarray, scale: np.ndarray) -> bool:
+def within_table_accuracy(got: np.ndarray, expected: np.ndarray, scale: np.ndarray, factor: float = 1.0) -> bool:
     error = np.abs(got - expected).max(axis=-1) / scale
-    return bool(error.mean() < TABLE_MEAN and np.quantile(error, 0.95) < TABLE_P95)
+    return bool(error.mean() < factor * TABLE_MEAN and np.quantile(error, 0.95) < factor * TABLE_P95)
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
@@ -54,6 +62,21 @@ def test_tables_agree_with_direct_sums(rng: np.random.Generator, sensor: str, na
     light = np.exp(medium.light.ambient_log(depth) - medium.light.ambient_log(np.array(DEPTH)))
     ratio = ambient_ratio(medium.table, depth)
     assert within_table_accuracy(ratio / light, np.ones_like(light), np.ones(len(depth)))
+
+
+@pytest.mark.parametrize("name", ["IA", "IB", "9C"])
+def test_tables_of_drafts_are_smaller_and_nearly_as_good(rng: np.random.Generator, name: str) -> None:
+    medium = Medium(Water.jerlov(name), None, "table", DEPTH, floor_m=DEPTH + 3.0)
+    sand = 0.3 / np.pi * medium.model.irradiance(medium.floor_m, 1.0) @ medium.bands.lobes
+    medium = medium.lit_by_floor(sand)
+    draft = medium.for_drafts()
+    assert draft.table.veil.size < 0.3 * medium.table.veil.size
+    s, up = rays(rng, 3000, medium.length_m)
+    whole, coarse = (veil_lookup(table, s, up) for table in (medium.table, draft.table))
+    assert within_table_accuracy(coarse, whole, whole.max(axis=-1), DRAFT_TABLE)
+    depth = rng.uniform(0.0, DEPTH + 7.0 * medium.length_m, 500)
+    whole, coarse = (ambient_ratio(table, depth) for table in (medium.table, draft.table))
+    assert within_table_accuracy(coarse / whole, np.ones_like(whole), np.ones(len(depth)), DRAFT_TABLE)
 
 
 @pytest.mark.parametrize("mode", [mode for mode in MODES if mode != "plate"])

@@ -57,6 +57,8 @@ PICTURE_ISOTROPIC = 0.10
 rest that an endless ocean stands for one with a floor, and that scattering by small angles blurs nothing."""
 TABLE_MEAN, TABLE_P95 = 1e-3, 5e-3
 """Interpolated tables against direct sums over 61 bands, relative to the largest channel: what the project asks."""
+DRAFT_TABLE = 3.0
+"""Errors of tables for drafts over these: half as many nodes each way, where errors of straight lines grow fourfold."""
 TABLE_SHALLOW = 0.035
 """The same where rays just above the level end after tens of metres, from 0.3 m: rows of the table 1 degree apart."""
 TABLE_BEAM = 5e-3
