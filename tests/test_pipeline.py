@@ -345,7 +345,9 @@ def test_a_gopro_clip_levels_the_plate(whale: Path, tmp_path: Path) -> None:
 
 
 def test_layers_come_out_as_multi_part_exr_and_recombine(dive: SampleDive, tmp_path: Path, backend: str) -> None:
+    from mr360uw.base.color import XY_BY_NAME
     from mr360uw.video import read_exr
+    from mr360uw.video.exr import read_frame
 
     scene = load_scene(dive.scene, ["light.smooth=false"])
     pattern = tmp_path / "layers_%04d.exr"
@@ -365,6 +367,13 @@ def test_layers_come_out_as_multi_part_exr_and_recombine(dive: SampleDive, tmp_p
     composite = part["rgba"][..., :3] + (1.0 - alpha) * (plate + part["receiver_difference"][..., :3])
     expected = codes(uw.render_frame(plate, scene, 0.0, backend).image_linear)
     assert np.mean(np.abs(codes(composite) - expected) <= FRAME_ALONE_CODES) >= FRAME_ALONE_FRACTION
+    in_acescg = load_scene(dive.scene, ["light.smooth=false", "output.layers=ap1"])
+    uw.composite_video(
+        in_acescg, tmp_path / "aces.mp4", frames=(0, 1), backend=backend, layers=tmp_path / "aces_%d.exr"
+    )
+    light, chromaticities, *_ = read_frame(tmp_path / "aces_0.exr")
+    np.testing.assert_allclose(chromaticities, XY_BY_NAME["ap1"], atol=1e-6)
+    assert np.abs(light - part["rgba"][..., :3]).max() > 1e-3
     (tmp_path / "layers_0000.exr").unlink()
     with pytest.raises(uw.OutputExistsError, match="layers_0001"):
         uw.composite_video(scene, tmp_path / "again.mp4", frames=(0, 2), backend=backend, layers=pattern)

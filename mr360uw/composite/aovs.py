@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Output variables of a layer (AOVs) for compositors: each kind of light apart, and the geometry of the surfaces.
 
-All colours are linear Rec.709, premultiplied by alpha, and attenuated by the water in front, so
+All colours are linear, premultiplied by alpha, and attenuated by the water in front, so
 
     beauty    = diffuse + glossy + sun + lamps + emission + veil + shafts + snow    (caustics is a part of sun)
     composite = beauty + (1 - alpha) (plate + receiver_difference)
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.color import REC709_XY, rec709_from_chromaticities
 from mr360uw.base.rays import barycentric
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.types import Floats, Layer, View
@@ -233,8 +234,13 @@ def _ranked(aovs: Aovs, of_triangle: NDArray[np.int64], hashes: NDArray[np.float
 
 # --- Files ----------------------------------------------------------------------------------------------------------
 
-RECIPE = "linear Rec.709, premultiplied by A; composite = RGB + (1 - A) * (plate + receiver_difference)"
+RECIPE = (
+    "linear light, premultiplied by A; composite = RGB + (1 - A) * (plate + receiver_difference), with the plate in "
+    "the same primaries; Z is metres along the ray"
+)
 """Comment in the header of a layered file."""
+_FACTORS = ("transmittance", "shadow_ratio")
+"""Parts that are no light: factors on light of Rec.709."""
 Part = dict[str, NDArray[np.generic]]
 """Channels of a part of an EXR file by name."""
 _FARTHEST_M = 1e10
@@ -242,8 +248,9 @@ _HALF = float(np.finfo(np.float16).max)
 
 
 def exr_parts(
-    layer: Layer, aovs: Aovs, plate_linear: Floats, moved: tuple[Floats, Floats] | None = None
-) -> dict[str, dict[str, NDArray[np.generic]]]:
+    layer: Layer, aovs: Aovs, plate_linear: Floats, moved: tuple[Floats, Floats] | None = None,
+    primaries: tuple[float, ...] = REC709_XY,
+) -> dict[str, dict[str, NDArray[np.generic]]]:  # fmt: skip
     """Return the parts of a layered EXR, {part: {channel: array}}, half floats but for depth, position and number.
 
     rgba: the beauty and alpha. depth: Z, the distance along the ray [m], 1e10 where there is none. N, P: X, Y, Z of the
@@ -251,13 +258,19 @@ def exr_parts(
     forward and backward: u, v [px]. diffuse, glossy, sun, lamps, caustics, emission, veil,
     shafts (before objects), snow, transmittance, shadow_ratio, plate_shafts (before the plate, a part of the next),
     receiver_difference (of shadow, caustics, lamps and shafts): R, G, B. Every channel is named layer.channel, as the
-    format asks for (OpenEXR, "Channel Naming"), except those of rgba and depth, which have standard names.
+    format asks for (OpenEXR, "Channel Naming"), except those of rgba and depth, which have standard names. primaries:
+    chromaticities that light is given in; transmittance and shadow_ratio are factors on that of Rec.709.
     """
+    turn = np.linalg.inv(rec709_from_chromaticities(np.reshape(primaries, (4, 2)))).T.astype(np.float32)
     of_light = *SUMS[:7], "shafts", "snow", "transmittance"
     colours = {name: getattr(aovs, name) for name in of_light} | {"shadow_ratio": layer.ratio}
     colours |= {"plate_shafts": layer.shafts, "receiver_difference": receiver_difference(plate_linear, layer)}
+    beauty = layer.radiance
+    if primaries != REC709_XY:
+        colours = {name: image if name in _FACTORS else image @ turn for name, image in colours.items()}
+        beauty = beauty @ turn
     parts: dict[str, dict[str, NDArray[np.generic]]] = {
-        "rgba": {"RGBA": _half(np.concatenate([layer.radiance, layer.alpha[..., None]], axis=-1))},
+        "rgba": {"RGBA": _half(np.concatenate([beauty, layer.alpha[..., None]], axis=-1))},
         "depth": {"Z": np.minimum(layer.distance_m, _FARTHEST_M).astype(np.float32)},
         "N": {f"N.{axis}": _half(aovs.normal[..., k]) for k, axis in enumerate("XYZ")},
         "P": {f"P.{axis}": aovs.position[..., k].astype(np.float32) for k, axis in enumerate("XYZ")},

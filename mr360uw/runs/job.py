@@ -22,6 +22,7 @@ from typing import Any, Literal
 
 from mr360uw import __version__
 from mr360uw.base.cache import Cache
+from mr360uw.base.color import XY_BY_NAME
 from mr360uw.base.files import WrittenFiles, numbered
 from mr360uw.base.progress import Behind, one_blas_thread, prefetch, share_of_cores
 from mr360uw.composite.aovs import RECIPE, cryptomatte, exr_parts, motion, stereo_parts
@@ -71,12 +72,12 @@ class RunTimes:
 
 def _layers(
     loaded: Loaded, shots: FrameShots, frame: Frame, step_s: float
-) -> tuple[dict[str, LayerPart], dict[str, str], dict[str, str]]:
+) -> tuple[dict[str, LayerPart], dict[str, str], dict[str, Any]]:
     """Return the parts of a frame's layered EXR, the view of each where there are two eyes, and what its header says.
 
     step_s: time [s] to the frames after and before, to which the surfaces move.
     """
-    names: list[str] = []
+    names, primaries = list[str](), XY_BY_NAME[loaded.scene.output.layers]
     for settings in loaded.scene.objects:  # a mesh that stands twice has a number
         stem = settings.mesh.stem
         names.append(stem if stem not in names else f"{stem}_{len(names) + 1}")
@@ -94,8 +95,10 @@ def _layers(
             place = then_s, frame.plate.index + k, view.position, view.world_from_camera
             moved.append(motion(eye.variables, at.shot, [one.at(*place) for one in then.objects], view))
         mattes, told = cryptomatte(eye.variables, at.shot, names)
-        parts[name] = exr_parts(eye.layer, eye.variables, eye.plate.image_linear, (moved[0], moved[1])) | mattes
-    return (parts["left"], {}, told) if len(parts) == 1 else (*stereo_parts(parts), told)
+        light = eye.layer, eye.variables, eye.plate.image_linear
+        parts[name] = exr_parts(*light, (moved[0], moved[1]), primaries) | mattes
+    header: dict[str, Any] = told | {"chromaticities": primaries}
+    return (parts["left"], {}, header) if len(parts) == 1 else (*stereo_parts(parts), header)
 
 
 @dataclass(frozen=True, slots=True)

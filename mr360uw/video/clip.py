@@ -320,6 +320,9 @@ class EncodeSettings(Parameters):
     preset: Preset = advanced("veryfast", "speed against size (h264, h265, av1)")
     pixel_format: str = advanced("", "FFmpeg's name, such as yuv420p10le; empty: the plate's")
     sound: bool = parameter(True, "copy the plate's sound")
+    layers: Literal["rec709", "ap0", "ap1", "rec2020", "p3d65"] = advanced(
+        "rec709", "primaries of the linear light in `--layers`; ap1: ACEScg, ap0: ACES2065-1"
+    )
     data: bool = advanced(True, "keep the plate's tracks of data, its time code and its chapters")
     segment_s: float = parameter(
         5.0, "length of the parts that a run keeps until all are there; a killed run loses one", unit="s", low=0.01,

@@ -17,7 +17,7 @@ from av.stream import Disposition
 from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
 
-from mr360uw.base.color import encode
+from mr360uw.base.color import REC709_XY, encode, rec709_from_chromaticities
 from mr360uw.base.files import check_outputs, is_pattern, matching_files, new_file, publish
 from mr360uw.base.input_files import FRAMES
 from mr360uw.base.parameters import checked
@@ -26,7 +26,7 @@ from mr360uw.types import Floats
 from mr360uw.video.clip import BT709_TAGS, CONTAINERS, Clip, EncodeSettings, checked_rate
 from mr360uw.video.demux import create_local
 from mr360uw.video.encoder import Encoder, check_encoder, chosen_encoder, codec_note, resolved
-from mr360uw.video.exr import read_exr
+from mr360uw.video.exr import primaries_of, read_exr
 from mr360uw.video.other_tracks import TrackCopy, check_sound, embed_spatial, other_tracks
 from mr360uw.video.reader import VideoFrame
 from mr360uw.video.spherical import (
@@ -346,4 +346,8 @@ def _rgba(file: Path, eye: str | None) -> NDArray[Any]:
         eyes = [part for part in parts if part.startswith("rgba.")]
         todo = "name an eye, left or right" if eyes and eye is None else "give the layers of `composite --layers`"
         raise VideoError(f"{file} - has no part {name} (got {', '.join(list(parts)[:6])}) - {todo}")
-    return np.asarray(parts[name]["RGBA"], np.float32)
+    rgba = np.array(parts[name]["RGBA"], np.float32)
+    own = primaries_of(file)
+    if own != REC709_XY:
+        rgba[..., :3] = rgba[..., :3] @ rec709_from_chromaticities(np.reshape(own, (4, 2))).T
+    return rgba

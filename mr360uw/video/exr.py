@@ -215,6 +215,12 @@ def _opened(path: Path) -> Iterator[Any]:
         yield file
 
 
+def primaries_of(path: Path) -> tuple[float, ...]:
+    """Return the chromaticities that an EXR states, x and y of red, green, blue and white; Rec.709's without."""
+    with _opened(path) as file:
+        return tuple(round(float(one), 6) for one in file.parts[0].header.get("chromaticities", REC709_XY))
+
+
 @checked
 def read_rgb(path: str | Path, *, depth: bool = False) -> NDArray[np.float32]:
     """Return the colour of an EXR's frame as it is stored, (H, W, 3) float32, alpha left out.

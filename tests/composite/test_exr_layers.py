@@ -13,6 +13,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
+from mr360uw.base.color import XY_BY_NAME
 from mr360uw.base.sphere import frame_from_direction, yaw_matrix
 from mr360uw.composite.aovs import RECIPE, Aovs, cryptomatte, exr_parts, motion, murmur
 from mr360uw.composite.reference import render_aovs
@@ -189,3 +190,28 @@ def test_a_cryptomatte_names_what_covers_each_pixel(backend: str, request: pytes
 
 def _name(key: str) -> str:
     return key.rsplit("/", 1)[0] + "/name"
+
+
+def test_layers_in_acescg_are_the_same_light(written: tuple[Path, Floats, Floats]) -> None:
+    """Against OpenColorIO's own conversion to ACEScg, and the composite rebuilt there."""
+    ocio = pytest.importorskip("PyOpenColorIO")
+    _, ground, expected = written
+    body = placed(sphere(), (0.1, -0.5, -1.2))
+    layer, variables = render_aovs(shot(body, width=64, medium=medium(), receiver=Receiver(plane_y=-1.2)))
+    own, in_acescg = (exr_parts(layer, variables, ground, None, XY_BY_NAME[name]) for name in ("rec709", "ap1"))
+    config = ocio.Config.CreateFromFile("ocio://studio-config-v2.1.0_aces-v1.3_ocio-v2.3")
+    processor = config.getProcessor("Linear Rec.709 (sRGB)", "ACEScg").getDefaultCPUProcessor()
+
+    def converted(light: Floats) -> Floats:
+        pixels = np.ascontiguousarray(light, np.float32)
+        processor.applyRGB(pixels)
+        return pixels
+
+    for name in ("diffuse", "veil", "receiver_difference"):
+        found = in_acescg[name][name].astype(np.float32)
+        np.testing.assert_allclose(found, converted(own[name][name]), atol=tol.HALF_FLOAT, err_msg=name)
+    np.testing.assert_array_equal(in_acescg["transmittance"]["transmittance"], own["transmittance"]["transmittance"])
+    rgba = in_acescg["rgba"]["RGBA"].astype(np.float32)
+    difference = in_acescg["receiver_difference"]["receiver_difference"].astype(np.float32)
+    rebuilt = rgba[..., :3] + (1.0 - rgba[..., 3:]) * (converted(ground) + difference)
+    np.testing.assert_allclose(rebuilt, converted(expected), atol=tol.HALF_FLOAT)

@@ -11,21 +11,24 @@ import av
 import numpy as np
 import pytest
 
-from mr360uw.base.color import encode
+from mr360uw.base.color import XY_BY_NAME, encode, rec709_from_chromaticities
 from mr360uw.video import read_spherical, write_exr
 from tests.video.tolerances import VIDEO_PRORES_CODES
 
 _SIZE = (32, 64)
 
 
-def layers(folder: Path, numbers: tuple[int, ...] = (3, 4, 5), name: str = "rgba") -> Path:
+def layers(folder: Path, numbers: tuple[int, ...] = (3, 4, 5), name: str = "rgba", primaries: str = "rec709") -> Path:
     """Half covered at the left, covered in the middle, light alone at the right; flat areas, which ProRes keeps."""
     rgba = np.zeros((*_SIZE, 4), np.float32)
     rgba[:, :16] = (0.1, 0.2, 0.05, 0.5)
     rgba[:, 16:32] = (0.3, 0.1, 0.6, 1.0)
     rgba[:, 48:, :3] = 0.02
+    xy = XY_BY_NAME[primaries]
+    rgba[..., :3] = rgba[..., :3] @ np.linalg.inv(rec709_from_chromaticities(np.reshape(xy, (4, 2)))).T
     for number in numbers:
-        write_exr(folder / f"layer_{number:04d}.exr", {name: {"RGBA": rgba.astype(np.float16)}})
+        file, parts = folder / f"layer_{number:04d}.exr", {name: {"RGBA": rgba.astype(np.float16)}}
+        write_exr(file, parts, attributes={"chromaticities": xy})
     return folder / "layer_%04d.exr"
 
 
@@ -40,9 +43,11 @@ def pictures(path: Path) -> list[np.ndarray]:
         ]
 
 
-@pytest.mark.parametrize("alpha", ["straight", "premultiplied"])
-def test_layers_become_a_video_with_alpha(tmp_path: Path, run: Callable[..., Any], alpha: str) -> None:
-    pattern, out = layers(tmp_path, (3, 4, 6)), tmp_path / "layer.mov"
+@pytest.mark.parametrize(
+    ("alpha", "primaries"), [("straight", "rec709"), ("premultiplied", "rec709"), ("straight", "ap1")]
+)
+def test_layers_become_a_video_with_alpha(tmp_path: Path, run: Callable[..., Any], alpha: str, primaries: str) -> None:
+    pattern, out = layers(tmp_path, (3, 4, 6), primaries=primaries), tmp_path / "layer.mov"
     code, said, _ = run("layer", pattern, out, "--alpha", alpha, "--frame-rate", "24")
     assert (code, "4 frames, 1 of them transparent" in said) == (0, True)
     made = pictures(out)
