@@ -25,7 +25,7 @@ from mr360uw.base.parameters import parameter as declared  # a field has its nam
 from mr360uw.composite.motion import ValuesOverTime
 from mr360uw.errors import ParameterError
 from mr360uw.scene.problems import Location, allowed_text, place, problems
-from mr360uw.scene.toml_model import dotted, entry
+from mr360uw.scene.toml_model import as_tables, dotted, entry
 from mr360uw.types import Floats
 
 Value = float | tuple[float, ...]
@@ -294,7 +294,7 @@ def _of_values(scene: BaseModel, keyed: list[Keyed]) -> Iterator[Problem]:
     names = [place("", {}, target.location).strip() for _, _, target in keyed]
     for time in key_times(keys):
         try:
-            type(scene).model_validate(_as_given(with_values(scene, keys, time)) | {"keys": ()})
+            type(scene).model_validate(as_tables(with_values(scene, keys, time)) | {"keys": ()})
         except ValidationError as error:
             for line in problems(error, type(scene), "", {}):
                 name, _, text = line.strip().partition(" - ")
@@ -307,15 +307,3 @@ def _of_values(scene: BaseModel, keyed: list[Keyed]) -> Iterator[Problem]:
                 found.append((("keys", number, *own), time, text))
     at_own = {at[1] for at, _, _ in found if len(at) > len(("keys", 0))}
     yield from (one for one in found if len(one[0]) > len(("keys", 0)) or one[0][1] not in at_own)
-
-
-def _as_given(value: Any) -> Any:
-    """Return a model as the tables of its file that are set, with the words that tell its kind."""
-    if isinstance(value, tuple):
-        return tuple(map(_as_given, value))
-    if not isinstance(value, BaseModel):
-        return value
-    fields = type(value).model_fields
-    kinds = {n for n, f in fields.items() if get_origin(f.annotation) is Literal and len(get_args(f.annotation)) == 1}
-    names = value.model_fields_set | kinds
-    return {fields[name].alias or name: _as_given(getattr(value, name)) for name in names}

@@ -36,6 +36,7 @@ from mr360uw.medium.settings import ShaftSettings, WaterSettings
 from mr360uw.scene.key_targets import KeyedParameter, check_keys
 from mr360uw.scene.problems import Lines, problems
 from mr360uw.scene.toml_model import (
+    as_tables,
     load_model,
     model_from_dict,
     named_files,
@@ -194,18 +195,6 @@ class CameraSettings(Parameters):
         return self
 
 
-def _tables(value: Any) -> Any:
-    """Return settings, and what holds them, as the nested tables of a file; of models what was set."""
-    if isinstance(value, BaseModel):
-        fields = type(value).model_fields
-        value = {fields[name].alias or name: getattr(value, name) for name in fields if name in value.model_fields_set}
-    if isinstance(value, dict):
-        return {name: _tables(one) for name, one in value.items() if one is not None}
-    if isinstance(value, list | tuple):
-        return [_tables(one) for one in value]
-    return str(value) if isinstance(value, Path) else value
-
-
 def _plate_from_path(value: Any) -> Any:
     return {"path": value} if isinstance(value, str | Path) else value
 
@@ -310,10 +299,10 @@ class Scene(Parameters):
         >>> scene.with_("object.0.scale=2", water={"type": "II"}).water.type
         'II'
         """
-        data = _tables(self)
+        data = as_tables(self)
         for name, value in tables.items():
             key = fields[name].alias or name if name in (fields := type(self).model_fields) else name
-            old, new = data.get(key), _tables(value)
+            old, new = data.get(key), as_tables(value)
             data[key] = {**old, **new} if isinstance(old, dict) and isinstance(new, dict) else new
         for one in overrides:
             override(data, one)
@@ -352,7 +341,7 @@ class Scene(Parameters):
         >>> scene.with_("water.type=II").to_toml().count('type = "II"')
         1
         """
-        return toml_document(_tables(with_absolute_paths(self, Path.cwd())))
+        return toml_document(as_tables(with_absolute_paths(self, Path.cwd())))
 
     @model_validator(mode="after")
     def _tables_fit(self) -> Scene:

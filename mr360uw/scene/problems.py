@@ -109,19 +109,19 @@ def _locate(root: type[BaseModel], location: Location, kind: str) -> tuple[Locat
     return tuple(clean), owners, field
 
 
-def _kinds(model: type[BaseModel]) -> dict[str, str]:
+def kinds_of(model: type[BaseModel]) -> dict[str, str]:
     """Return the only value of each field of a model that may have but one."""
     literals = {n: f.annotation for n, f in model.model_fields.items() if get_origin(f.annotation) is Literal}
     return {name: str(get_args(kind)[0]) for name, kind in literals.items() if len(get_args(kind)) == 1}
 
 
 def _tags(model: type[BaseModel]) -> tuple[str, ...]:
-    return (model.__name__, *_kinds(model).values())
+    return (model.__name__, *kinds_of(model).values())
 
 
 def _tag_key(field: Any) -> str:
     """Return the key that selects the kind of a field's table, or "" where its kinds have none in common."""
-    keys = [set(_kinds(model)) for model in models_of(field.annotation)]
+    keys = [set(kinds_of(model)) for model in models_of(field.annotation)]
     return min(set.intersection(*keys), default="") if keys else ""
 
 

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 
 from mr360uw.base.input_files import read_text, unreadable
 from mr360uw.errors import SceneError, VideoError
-from mr360uw.scene.problems import SET, Lines, Location, key_lines, place, problems
+from mr360uw.scene.problems import SET, Lines, Location, key_lines, kinds_of, place, problems
 
 _DIGITS = 9
 """Most digits of the number of an entry; Python refuses to read thousands."""
@@ -73,6 +73,18 @@ def _keyed(data: dict[str, Any]) -> list[list[str]]:
     tables = data.get("keys")
     names = [one.get("parameter") for one in tables if isinstance(one, dict)] if isinstance(tables, list) else []
     return [dotted(name) for name in names if isinstance(name, str)]
+
+
+def as_tables(value: Any) -> Any:
+    """Return settings, and what holds them, as the nested tables of a file; of models what was set, and their kind."""
+    if isinstance(value, BaseModel):
+        fields, named = type(value).model_fields, value.model_fields_set | kinds_of(type(value)).keys()
+        value = {fields[name].alias or name: getattr(value, name) for name in fields if name in named}
+    if isinstance(value, dict):
+        return {name: as_tables(one) for name, one in value.items() if one is not None}
+    if isinstance(value, list | tuple):
+        return [as_tables(one) for one in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def toml_value(value: Any) -> str:

@@ -37,6 +37,13 @@ def test_a_written_scene_is_read_as_the_same(tables: dict[str, Any], tmp_path: P
     assert uw.load_scene(tmp_path / "again.toml") == scene
 
 
+def test_a_sea_of_another_kind_stays_one(tables: dict[str, Any], tmp_path: Path) -> None:
+    scene = uw.Scene(**(tables | {"sea": uw.caustics.SpectralSea(), "keys": ()}))
+    (tmp_path / "again.toml").write_text(scene.to_toml(), "utf-8")
+    for again in (uw.load_scene(tmp_path / "again.toml"), scene.with_("camera.depth_m=3")):
+        assert again.sea == scene.sea
+
+
 def test_tables_are_merged_and_lists_replaced(tables: dict[str, Any]) -> None:
     scene = uw.Scene(**tables)
     changed = scene.with_("object.1.scale=3", water={"type": "II"}, lamps=[])
