@@ -407,7 +407,7 @@ def test_a_frame_alone_is_the_video_s_with_the_clip_s_track(dive: SampleDive, tm
         frame = next(iter(video.frames(2, 3)))
     light = {"sun": track.sun_at(2), "gain": track.gain_at(2)}
     alone = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=2, **light)
-    from mr360uw.video.exr import read_rgb
+    from mr360uw.video import read_picture
 
-    near = np.abs(codes(alone.image_linear) - codes(read_rgb(tmp_path / "out_02.exr"))) <= FRAME_ALONE_CODES
+    near = np.abs(codes(alone.image_linear) - codes(read_picture(tmp_path / "out_02.exr"))) <= FRAME_ALONE_CODES
     assert np.mean(near) >= FRAME_ALONE_FRACTION

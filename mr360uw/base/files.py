@@ -24,7 +24,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from mr360uw.base.input_files import json_of
-from mr360uw.errors import OutputError, OutputExistsError
+from mr360uw.errors import OutputError, OutputExistsError, VideoError
 
 NewFile = Callable[[Path], AbstractContextManager[Path]]
 """Opens a context with the name of an empty new file, which is renamed to the given path at its end: `whole_file`."""
@@ -69,15 +69,15 @@ def unsafe(path: Path) -> str:
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     """Yield the name of an empty new file; afterwards it is renamed to `path`, or removed if there was an exception.
 
-    Raises `OSError`.
+    Raises `OSError`, and `OutputExistsError` as `publish`.
     """
     part = new_file(path)
     try:
         yield part
-        publish(part, path, overwrite=True)
+        publish(part, path, overwrite=overwrite)
     finally:
         part.unlink(missing_ok=True)
 
@@ -110,6 +110,19 @@ def publish(part: Path, path: Path, *, overwrite: bool) -> None:
         part.replace(path)
         return
     part.unlink()
+
+
+@contextmanager
+def writing(path: Path, *errors: type[Exception]) -> Iterator[None]:
+    """A context in which `OSError`, and the errors of a library, become a `VideoError` that names the output."""
+    expected: tuple[type[Exception], ...] = (OSError, *errors)
+    try:
+        yield
+    except expected as error:
+        reason = getattr(error, "strerror", None) or error
+        raise VideoError(
+            f"{path} - cannot be written (got {reason}) - check the space and the folder's rights"
+        ) from error
 
 
 def write_whole(path: Path, data: str | bytes) -> None:

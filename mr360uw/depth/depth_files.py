@@ -32,7 +32,7 @@ from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.depth.warping import Map
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.video import read_picture
-from mr360uw.video.exr import check_exr, read_exr, read_rgb, write_exr
+from mr360uw.video.exr import check_exr, read_exr, write_exr
 
 Kind = Literal["metric", "inverse"]
 _NOTE = "depth.json"
@@ -222,7 +222,7 @@ def _read_map(path: Path, kind: Kind, scale_m: float, ours: bool, right: bool) -
             parts = {name: part for name, part in parts.items() if (name == RIGHT) == right}
         channels = {name: array for part in parts.values() for name, array in part.items()}
         confidence = channels.get(_CONFIDENCE)
-        values = channels["Z"] if "Z" in channels else _grey(path, read_rgb(path))
+        values = channels["Z"] if "Z" in channels else _grey(path, read_picture(path))
     else:
         codes = _grey(path, read_picture(path))
         values = codes / np.float32(np.iinfo(codes.dtype).max)

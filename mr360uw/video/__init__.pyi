@@ -1,6 +1,6 @@
 from .clip import Clip, EncodeSettings
 from .container_writer import layer_video
-from .exr import read_exr, read_rgb, write_exr
+from .exr import read_exr, write_exr
 from .opening import create_video, open_video, transcode
 from .picture_file import read_picture
 from .reader import VideoFrame, VideoReader
@@ -19,7 +19,6 @@ __all__ = [
     "open_video",
     "read_exr",
     "read_picture",
-    "read_rgb",
     "read_spherical",
     "transcode",
     "write_exr",

@@ -18,7 +18,7 @@ from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
 
 from mr360uw.base.color import REC709_XY, encode, rec709_from_chromaticities
-from mr360uw.base.files import check_outputs, is_pattern, matching_files, new_file, publish
+from mr360uw.base.files import check_outputs, is_pattern, matching_files, new_file, publish, whole_file, writing
 from mr360uw.base.input_files import FRAMES
 from mr360uw.base.parameters import checked
 from mr360uw.errors import VideoError
@@ -286,17 +286,9 @@ def layer_video(
     first, last = min(files), max(files)
     FRAMES.check(f"{layers} frames", last - first + 1, VideoError)  # before a range, whose length has 63 bits
     numbers = range(first, last + 1)
-    part = new_file(path)
-    try:
+    with writing(path, av.error.FFmpegError), whole_file(path, overwrite=overwrite) as part:
         _encode(part, [files.get(number) for number in numbers], alpha, rate, eye)
         write_spherical(part, SphericalMetadata(), front=True)
-        publish(part, path, overwrite=overwrite)
-    except (av.error.FFmpegError, OSError) as error:
-        raise VideoError(
-            f"{path} - cannot be written (got {error}) - check the space and the folder's rights"
-        ) from error
-    finally:
-        part.unlink(missing_ok=True)
     return len(numbers), len(numbers) - len(files)
 
 

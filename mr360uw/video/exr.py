@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.color import LUMINANCE, REC709_XY, XY_BY_NAME
-from mr360uw.base.files import NewFile, whole_file
+from mr360uw.base.files import NewFile, whole_file, writing
 from mr360uw.base.input_files import DATA, PICTURE, unreadable, wrapped
 from mr360uw.base.parameters import checked
 from mr360uw.errors import VideoError
@@ -178,7 +178,6 @@ def _complete(file: BinaryIO, parts: list[ExrPart], table: int) -> bool:
     return 0 <= size <= end - file.tell()
 
 
-Compression = Literal["none", "zips", "zip", "piz", "dwaa", "dwab"]
 Part = Mapping[str, NDArray[Any]]
 """Channels by name, float16, float32 or uint32: "RGB" or "RGBA" (H, W, 3 or 4), "Z" or "N.X" (H, W); an array (H, W, 3)
 of another name, as "diffuse", is diffuse.R, diffuse.G, diffuse.B in the file."""
@@ -219,15 +218,6 @@ def primaries_of(path: Path) -> tuple[float, ...]:
     """Return the chromaticities that an EXR states, x and y of red, green, blue and white; Rec.709's without."""
     with _opened(path) as file:
         return tuple(round(float(one), 6) for one in file.parts[0].header.get("chromaticities", REC709_XY))
-
-
-@checked
-def read_rgb(path: str | Path, *, depth: bool = False) -> NDArray[np.float32]:
-    """Return the colour of an EXR's frame as it is stored, (H, W, 3) float32, alpha left out.
-
-    depth: rather the channel Z of any part, three times, where there is one.
-    """
-    return np.ascontiguousarray(read_frame(Path(path), "depth" if depth else "colour")[0][..., :3])
 
 
 Wanted = Literal["colour", "depth", "matte"]
@@ -450,9 +440,6 @@ def write_exr(
     parts: Mapping[str, Part] | Floats,
     *,
     latlong: bool = True,
-    compression: Compression = "zip",
-    full_size: tuple[int, int] | None = None,
-    origin: tuple[int, int] = (0, 0),
     attributes: Mapping[str, Any] | None = None,
     views: Mapping[str, str] | None = None,
     file: NewFile = whole_file,
@@ -460,10 +447,9 @@ def write_exr(
     """Write one or more parts as an OpenEXR file, by a temporary name and a rename.
 
     parts: {part: {channel: array}}, or one linear image (H, W, 3 or 4). float16 channels are stored as half, float32
-    as float. latlong: mark it as a latitude-longitude environment map. full_size: (width, height) of the frame
-    that the arrays are a window of, whose top left pixel is `origin` = (column, row); by default the arrays are the
-    frame. attributes: more header entries (numbers, strings). views: of parts that show
-    what one eye sees, "left" or "right". file: opens the temporary file.
+    as float. latlong: mark it as a latitude-longitude environment map. attributes: more header entries, windows other
+    than the whole frame too. views: of parts that show what one eye sees, "left" or "right". file: opens the temporary
+    file.
     """
     import OpenEXR
 
@@ -477,34 +463,19 @@ def write_exr(
     if not (image_parts and all(image_parts.values())):
         raise VideoError(f"{path} - has no channels (got none) - give an array for each")
     # Write what all parts have in common into one header
-    kind = "NO" if compression == "none" else compression.upper()
     header: dict[str, Any] = {
-        "compression": getattr(OpenEXR, f"{kind}_COMPRESSION"),
+        "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "chromaticities": REC709_XY,
         **(attributes or {}),
     }
     if latlong:
         header["envmap"] = OpenEXR.ENVMAP_LATLONG
-    # Make the parts, each with its view and its window
+    # Make the parts, each with its view
     made = []
     for name, channels in image_parts.items():
         arrays = {channel: _checked(f"{path} {channel}", array) for channel, array in channels.items()}
-        height, width = next(iter(arrays.values())).shape[:2]
-        own = dict(header)
-        if views is not None and name in views:
-            own["view"] = views[name]
-        if full_size is not None:
-            column, row = origin
-            low = np.array([column, row], np.int32)
-            own["dataWindow"] = (low, low + np.array([width - 1, height - 1], np.int32))
-            own["displayWindow"] = (np.zeros(2, np.int32), np.array(full_size, np.int32) - 1)
+        own = header | ({"view": views[name]} if views is not None and name in views else {})
         made.append(OpenEXR.Part(own, arrays, name) if name else OpenEXR.Part(own, arrays))
-    # Write under a temporary name
-    try:
-        with file(path) as part:
-            OpenEXR.File(made).write(str(part))
-    except (RuntimeError, ValueError, OSError) as error:
-        raise VideoError(
-            f"{path} - cannot be written (got {error}) - check the folder, its rights and the space"
-        ) from error
+    with writing(path, RuntimeError, ValueError), file(path) as part:
+        OpenEXR.File(made).write(str(part))

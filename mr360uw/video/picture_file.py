@@ -60,12 +60,12 @@ class PictureFile:
 
 
 @checked
-def read_picture(path: Path, *, depth: bool = False) -> NDArray[Any]:
+def read_picture(path: Path) -> NDArray[Any]:
     """Return the RGB codes of a picture, (H, W, 3): uint8, uint16, or float32 of EXR, HDR and TIFF files of floats.
 
-    They are as stored, upright. depth: EXR files are read by their channel Z where they have one.
+    They are as stored, upright; the alpha of an EXR is left out.
     """
-    return picture_file(path, "depth" if depth else "colour").codes
+    return picture_file(path).codes
 
 
 def picture_file(path: Path, wanted: Wanted = "colour", *, notes: bool = False) -> PictureFile:
@@ -451,12 +451,6 @@ def _rgb_of(frame: Any, bits: int) -> NDArray[Any]:
     """Return the codes (H, W, 3) of FFmpeg's picture: uint8 of 8 bits, else uint16 whose full scale is 65535."""
     if bits == 8:
         return np.ascontiguousarray(frame.to_ndarray(format="rgb24"))
-    if not frame.format.name.startswith("gbrp"):
-        return np.ascontiguousarray(frame.to_ndarray(format="rgb48le"))
-    planes = [
-        np.frombuffer(plane, "<u2" if frame.format.name.endswith("le") else ">u2")
-        .reshape(plane.height, -1)[:, : plane.width]
-        for plane in frame.planes
-    ]  # fmt: skip
-    green, blue, red = planes[:3]
-    return _to_full_scale(np.stack([red, green, blue], axis=-1).astype(np.uint16), bits)
+    planar = frame.format.name.startswith("gbrp")
+    codes = frame.to_ndarray() if planar else frame.to_ndarray(format="rgb48le")
+    return np.ascontiguousarray(_to_full_scale(codes[..., :3], bits if planar else 16))

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.color import HDR_CURVES, ColorSpec, in_plate_primaries
 from mr360uw.base.disk_cache import read_arrays, write_arrays
-from mr360uw.base.files import NewFile, is_pattern, matching_files, numbered, whole_file
+from mr360uw.base.files import NewFile, is_pattern, matching_files, numbered, whole_file, writing
 from mr360uw.base.input_files import HDR_SIZE
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.types import Floats
@@ -177,13 +177,12 @@ class SegmentWriter(VideoWriter):
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            self._lacks_packets = True
-            raise VideoError(
-                f"{self.path} - cannot be written (got {error.strerror}) - check the space and the folder's rights"
-            ) from error
+        with writing(self.path):
+            try:
+                yield
+            except OSError:
+                self._lacks_packets = True
+                raise
 
 
 def _data_path(folder: Path, start: int, stop: int) -> Path:
@@ -279,13 +278,8 @@ def write_picture(
     if path.suffix.lower() == ".exr":
         _write_exr(path, frame, file, attributes or {})
         return
-    try:
-        with file(path) as part:
-            part.write_bytes(_encoded(path, frame))
-    except OSError as error:
-        raise VideoError(
-            f"{path} - cannot be written (got {error.strerror}) - check the folder, its rights and the space"
-        ) from error
+    with writing(path), file(path) as part:
+        part.write_bytes(_encoded(path, frame))
 
 
 def _write_exr(path: Path, frame: VideoFrame, file: NewFile, attributes: Mapping[str, Any]) -> None:

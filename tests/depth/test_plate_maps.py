@@ -21,6 +21,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.video.exr import write_exr
 from tests.depth.own_maps import write_own_maps
 from tests.scenes import scene_with
+from tests.video.clips import exr_windows
 
 WIDTH, HEIGHT, FRAMES = 64, 32, 3
 
@@ -73,7 +74,7 @@ _WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "mixed": (lambda f: write_map(f / "d_0001.exr", size=(128, 64)), "several sizes.*128x64"),
     "coloured": (lambda f: write_exr(f / "d_0002.exr", colours().astype(np.float32)), "three different channels"),
     "shifted": (
-        lambda f: write_map(f / "d_0001.exr", full_size=(WIDTH, HEIGHT), origin=(8, 0)),
+        lambda f: write_map(f / "d_0001.exr", attributes=exr_windows((8, 0), (WIDTH, HEIGHT), frame=(WIDTH, HEIGHT))),
         "data window is not the display",
     ),
     "more": (lambda f: write_map(f / "d_0003.exr"), "more maps than the plate has frames .got 4 for 3"),

@@ -27,8 +27,7 @@ from mr360uw.sample.dive import record
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
-from mr360uw.video import write_exr
-from mr360uw.video.exr import read_rgb
+from mr360uw.video import read_picture, write_exr
 from tests.dives import over_sand
 from tests.scenes import scene_with
 from tests.tolerances import CHROMA_STEP, FLOAT32, FLOAT64, GAIN, GAIN_FLICKER, GAIN_OF_CLEAR, GAIN_OF_DIVE
@@ -148,8 +147,8 @@ def test_a_frame_alone_has_the_gain_of_the_clip(tmp_path: Path, reef: Path, body
     for name, frames in (("alone", (k, k + 1)), ("range", (k - 1, k + 1))):
         (tmp_path / name).mkdir()
         uw.composite_video(scene, tmp_path / name / "out_%02d.exr", frames=frames, backend="reference")
-    made = read_rgb(tmp_path / "alone" / f"out_{k}.exr")
-    np.testing.assert_array_equal(made, read_rgb(tmp_path / "range" / f"out_{k}.exr"))
+    made = read_picture(tmp_path / "alone" / f"out_{k}.exr")
+    np.testing.assert_array_equal(made, read_picture(tmp_path / "range" / f"out_{k}.exr"))
     with open_plate(scene) as video:
         frame = next(iter(video.frames(k, k + 1)))
 

@@ -157,3 +157,10 @@ def packets(path: Path, kind: str) -> list[tuple[int, int, bytes]]:
     with av.open(str(path)) as container:
         stream = getattr(container.streams, kind)[0]
         return [(p.pts, p.dts, bytes(p)) for p in container.demux(stream) if p.dts is not None]
+
+
+def exr_windows(origin: tuple[int, int], size: tuple[int, int], frame: tuple[int, int]) -> dict[str, Any]:
+    """Return the header entries of an EXR whose pixels lie at an origin (column, row) of a frame."""
+    low = np.array(origin, np.int32)
+    inside, whole = (low, low + np.array(size, np.int32) - 1), (np.zeros(2, np.int32), np.array(frame, np.int32) - 1)
+    return {"dataWindow": inside, "displayWindow": whole}

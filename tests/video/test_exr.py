@@ -9,8 +9,9 @@ import OpenEXR
 import pytest
 
 from mr360uw.errors import VideoError
-from mr360uw.video import read_exr, read_rgb, write_exr
+from mr360uw.video import read_exr, read_picture, write_exr
 from mr360uw.video.other_tracks import frame_attributes, later_timecode
+from tests.video.clips import exr_windows
 
 
 def test_parts_channels_and_kinds_come_back(tmp_path, rng) -> None:
@@ -33,14 +34,15 @@ def test_parts_channels_and_kinds_come_back(tmp_path, rng) -> None:
 
 def test_header(tmp_path) -> None:
     image = np.ones((6, 8, 3), np.float32)
-    write_exr(tmp_path / "a.exr", image, full_size=(64, 32), origin=(10, 20), attributes={"frame": 7, "water": "IB"})
+    windows = exr_windows((10, 20), (8, 6), frame=(64, 32))
+    write_exr(tmp_path / "a.exr", image, attributes={"frame": 7, "water": "IB", **windows})
     with OpenEXR.File(str(tmp_path / "a.exr")) as file:
         header = file.header()
         assert header["envmap"] == OpenEXR.ENVMAP_LATLONG
         np.testing.assert_array_equal(header["dataWindow"], [(10, 20), (17, 25)])
         np.testing.assert_array_equal(header["displayWindow"], [(0, 0), (63, 31)])
         assert (header["frame"], header["water"]) == (7, "IB")
-    write_exr(tmp_path / "b.exr", image, latlong=False, compression="none")
+    write_exr(tmp_path / "b.exr", image, latlong=False)
     with OpenEXR.File(str(tmp_path / "b.exr")) as file:
         assert "envmap" not in file.header()
 
@@ -55,7 +57,7 @@ def test_maps_of_others(tmp_path, rng, dtype, compression) -> None:
     header = {"compression": compression, "type": OpenEXR.scanlineimage, "envmap": OpenEXR.ENVMAP_LATLONG}
     with OpenEXR.File(header, {name: np.ascontiguousarray(data) for name, data in channels.items()}) as file:
         file.write(str(tmp_path / "map.exr"))
-    np.testing.assert_array_equal(read_rgb(tmp_path / "map.exr"), image.astype(np.float32))
+    np.testing.assert_array_equal(read_picture(tmp_path / "map.exr"), image.astype(np.float32))
 
 
 def test_tiled_maps_of_others(tmp_path, rng) -> None:
@@ -67,7 +69,7 @@ def test_tiled_maps_of_others(tmp_path, rng) -> None:
     }
     with OpenEXR.File(header, {"RGB": image}) as file:
         file.write(str(tmp_path / "tiles.exr"))
-    np.testing.assert_array_equal(read_rgb(tmp_path / "tiles.exr"), image.astype(np.float32))
+    np.testing.assert_array_equal(read_picture(tmp_path / "tiles.exr"), image.astype(np.float32))
 
 
 def test_bad_files(tmp_path) -> None:
@@ -76,9 +78,9 @@ def test_bad_files(tmp_path) -> None:
         read_exr(tmp_path / "text.exr")
     write_exr(tmp_path / "depth.exr", {"": {"Z": np.ones((4, 8), np.float32)}})
     with pytest.raises(VideoError, match=r"no colour channels R, G, B .got Z"):
-        read_rgb(tmp_path / "depth.exr")
+        read_picture(tmp_path / "depth.exr")
     write_exr(tmp_path / "grey.exr", {"": {"Y": np.full((4, 8), 2.0, np.float32)}})
-    assert read_rgb(tmp_path / "grey.exr")[0, 0].tolist() == [2.0, 2.0, 2.0]
+    assert read_picture(tmp_path / "grey.exr")[0, 0].tolist() == [2.0, 2.0, 2.0]
     with pytest.raises(VideoError, match="cannot be written"):
         write_exr(tmp_path / "missing" / "a.exr", np.ones((4, 8, 3), np.float32))
 

@@ -16,7 +16,6 @@ from mr360uw.base.color import decode, encode
 from mr360uw.scene.model import Scene, scene_from_dict
 from mr360uw.video import open_video, read_picture
 from mr360uw.video.clip import EncodeSettings
-from mr360uw.video.exr import read_rgb
 from mr360uw.video.opening import transcode
 from tests.video.clips import write_clip
 from tests.video.tolerances import VIDEO_CODE_LIGHT, VIDEO_LOSSY_MEAN
@@ -112,7 +111,7 @@ def test_exr_of_an_ordinary_clip_keeps_light_above_white(tmp_path: Path) -> None
     scene = lamp_scene(tmp_path, plate)
     for name in ("made.exr", "made.png"):
         uw.composite_video(scene, tmp_path / name, frames=(0, 1))
-    light, codes = read_rgb(tmp_path / "made.exr"), decode(read_picture(tmp_path / "made.png") / 255.0, "srgb")
+    light, codes = read_picture(tmp_path / "made.exr"), decode(read_picture(tmp_path / "made.png") / 255.0, "srgb")
     assert light[28:36, 60:68].mean() > 5.0
     bright = np.any(light > 1.0, axis=-1)
     np.testing.assert_allclose(np.maximum(light[~bright], 0.0), codes[~bright], atol=VIDEO_CODE_LIGHT)

@@ -25,6 +25,7 @@ from mr360uw.scene.resolved import pose_of_plate
 from mr360uw.video import read_exr, read_picture, write_exr
 from mr360uw.yuv.file_profile import REC709_XY
 from tests.video import tolerances as tol
+from tests.video.clips import exr_windows
 
 SIZE = (64, 32)
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
@@ -335,7 +336,8 @@ WINDOWS = {"smaller": ((8, 4), (48, 24)), "larger": ((-4, -2), (72, 36)), "besid
 def test_the_display_window_is_the_panorama(name: str, tmp_path: Path) -> None:
     (column, row), (width, height) = WINDOWS[name]
     part = light((width, height)) + 1.0
-    write_exr(tmp_path / "plate.exr", part, full_size=SIZE, origin=(column, row))
+    windows = exr_windows((column, row), (width, height), frame=SIZE)
+    write_exr(tmp_path / "plate.exr", part, attributes=windows)
     with uw.open_video(tmp_path / "plate.exr") as video:
         got = next(video.frames()).image_linear
         assert any("data window" in note for note in video.notes)

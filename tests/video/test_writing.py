@@ -18,7 +18,7 @@ import pytest
 from mr360uw.base.color import encode
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 from mr360uw.types import Layer, Tile
-from mr360uw.video import EncodeSettings, create_video, open_video, read_rgb, read_spherical, transcode
+from mr360uw.video import EncodeSettings, create_video, open_video, read_picture, read_spherical, transcode
 from tests.video.boxes import mark_v1
 from tests.video.clips import decoded, packets, write_clip, write_trimmed_clip
 from tests.video.tolerances import (
@@ -304,7 +304,7 @@ def test_exr_pictures_of_floats_keep_every_bit(tmp_path, rng) -> None:
     write_exr(tmp_path / "in.exr", light)
     with open_video(tmp_path / "in.exr") as video, create_video(tmp_path / "out.exr", video) as out:
         out.write(next(video.frames()).over(Layer(8, 16, (tile(1, 1, 2, 2, 40.0),))))
-    result = read_rgb(tmp_path / "out.exr")
+    result = read_picture(tmp_path / "out.exr")
     assert result[1, 1, 0] == 40.0
     untouched = np.ones((8, 16), bool)
     untouched[1:3, 1:3] = False
