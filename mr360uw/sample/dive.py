@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.color import Transfer, encode, luminance, ycbcr_from_rgb
+from mr360uw.base.color import ColorSpec, Transfer, encode, luminance, ycbcr_from_rgb
 from mr360uw.base.files import check_folder, check_outputs, made_folder, whole_file, write_whole
 from mr360uw.base.input_files import FRAMES, PICTURE
 from mr360uw.base.parameters import checked, file_path, instance
@@ -24,7 +24,7 @@ from mr360uw.medium import Water
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import BED_TILE_M, SENSOR, Dive
 from mr360uw.surface.sea_picture import SurfacePicture
-from mr360uw.types import Floats
+from mr360uw.types import Floats, YuvImage
 
 TRACK = "camera.csv"
 """Name of the file with the camera's motion, beside the scene, where the camera moves."""
@@ -238,11 +238,7 @@ def with_noise(image: Floats, strength: float, seed: int, index: int) -> Floats:
 
 _SOUND_RATE_HZ = 48_000
 _TONE_HZ = 110.0
-_BT709 = 1
-"""FFmpeg's number of BT.709 among matrices, primaries and transfer curves."""
 _FORMATS = {8: "yuv420p", 10: "yuv420p10le"}
-_LIMITED = 1
-"""FFmpeg's number of limited range (16 to 235)."""
 
 
 def record(
@@ -254,6 +250,7 @@ def record(
     Values above 1 clip, as in a camera. transfer, bits: of the codes. The file appears when it is complete.
     """
     from mr360uw.video import SphericalMetadata, write_spherical
+    from mr360uw.video.clip import BT709_TAGS
     from mr360uw.video.demux import create_local
 
     count = 0
@@ -263,9 +260,7 @@ def record(
             sound.layout = "mono"
             video = container.add_stream("libx264", rate=frame_rate, options={"crf": "14", "preset": "veryfast"})
             video.pix_fmt = _FORMATS[bits]
-            context = video.codec_context
-            context.colorspace = context.color_primaries = context.color_trc = _BT709
-            context.color_range = _LIMITED
+            BT709_TAGS.write_to(video.codec_context)
             for image in images:
                 if count == 0:
                     video.height, video.width = image.shape[:2]
@@ -280,26 +275,25 @@ def record(
     return count
 
 
-def _picture(image: Floats, transfer: Transfer, bits: Literal[8, 10], seed: tuple[int, int]) -> object:
-    """Return a frame of planes, 4:2:0, limited range, each with a dither of its own.
+def _picture(image: Floats, transfer: Transfer, bits: Literal[8, 10], seed: tuple[int, int]) -> Any:
+    """Return PyAV's frame of planes, 4:2:0, limited range, each with a dither of its own.
 
     Dither goes onto Y', Cb and Cr, not onto RGB: in deep blue water a step of Cr is a tenth of the red.
     """
-    import av
+    from mr360uw.video.planes import native_frame
 
     code = encode(np.clip(image, 0.0, 1.0), transfer).astype(np.float32)
     luma, blue, red = np.moveaxis(code @ ycbcr_from_rgb("bt709").T.astype(np.float32), -1, 0)
     rng = np.random.default_rng(seed)
-    frame = av.VideoFrame(code.shape[1], code.shape[0], _FORMATS[bits])
     step, kind = 2 ** (bits - 8), np.uint8 if bits == 8 else np.uint16
-    for plane, values in zip(
-        frame.planes, (16.0 + 219.0 * luma, *(128.0 + 224.0 * _halved(c) for c in (blue, red))), strict=True
-    ):
-        codes = np.clip(np.floor(step * values + rng.random(values.shape, np.float32)), step, 255 * step - 1)
-        rows = np.zeros((plane.height, plane.line_size // np.dtype(kind).itemsize), kind)
-        rows[:, : plane.width] = codes
-        plane.update(rows.tobytes())
-    return frame
+
+    def codes(values: Floats) -> NDArray[Any]:
+        return np.clip(np.floor(step * values + rng.random(values.shape, np.float32)), step, 255 * step - 1).astype(
+            kind
+        )
+
+    y, u, v = (codes(plane) for plane in (16.0 + 219.0 * luma, *(128.0 + 224.0 * _halved(c) for c in (blue, red))))
+    return native_frame(YuvImage(y, u, v, ColorSpec(bits=bits)))
 
 
 def _halved(chroma: Floats) -> Floats:

@@ -330,13 +330,9 @@ class EncodeSettings(Parameters):
     )  # fmt: skip
 
     @model_validator(mode="after")
-    def _lossless_codec(self) -> Self:
+    def _one_choice(self) -> Self:
         if self.quality == "lossless" and self.codec in ("av1", "prores"):
             raise ValueError(f"lossless is not available with {self.codec}; take h264, h265 or ffv1")
-        return self
-
-    @model_validator(mode="after")
-    def _one_choice(self) -> Self:
         if self.quality == "lossless" and self.encoder != "software":
             raise ValueError(f"lossless is not available with {self.encoder}; take the encoder software")
         decided = ("codec", "pixel_format", "quality")
