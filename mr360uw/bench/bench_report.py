@@ -14,9 +14,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mr360uw.base.input_files import read_text, unreadable
+from mr360uw.base.input_files import read_text
 from mr360uw.base.progress import Progress, one_blas_thread
-from mr360uw.bench.stages import Knobs, MeasuredStage, Measurement, Workbench, measure
+from mr360uw.bench.stages import STAGES, Knobs, MeasuredStage, Measurement, Workbench, measure
 from mr360uw.errors import ParameterError, package_versions
 from mr360uw.preview.pages import html_page
 from mr360uw.render.frame import make_backend
@@ -24,12 +24,9 @@ from mr360uw.render.frame import make_backend
 
 def chosen_stages(only: Sequence[str]) -> list[MeasuredStage]:
     """Return the stages of some names, of all without any; raise `ParameterError` for names that none has."""
-    from mr360uw.bench.stages import all_stages
-
-    stages = all_stages()
-    if unknown := [name for name in only if name not in stages]:
-        raise ParameterError(f"--only - no such stage (got {', '.join(unknown)}) - take some of {', '.join(stages)}")
-    return [stage for name, stage in stages.items() if not only or name in only]
+    if unknown := [name for name in only if name not in STAGES]:
+        raise ParameterError(f"--only - no such stage (got {', '.join(unknown)}) - take some of {', '.join(STAGES)}")
+    return [stage for name, stage in STAGES.items() if not only or name in only]
 
 
 def run_bench(
@@ -43,7 +40,7 @@ def run_bench(
 
     renderer, _ = make_backend(backend)
     machine = _this_machine(renderer.name, renderer.device)
-    total, done, results = sum(len(stage.settings(quick=quick)) for stage in stages), 0, []
+    total, done = sum(len(stage.settings(quick=quick)) for stage in stages), 0
 
     def tick() -> None:
         nonlocal done
@@ -132,7 +129,7 @@ class BenchReport(_Frozen):
             yield f"\n{stage.name}: {stage.title}\n  time of {stage.timed}\n  error against {stage.truth}"
             yield f"  {'':2} {'CPU ms':>9} {'wall ms':>9} {'error':>9}"
             best = front(stage.measurements)
-            for m in sorted(stage.measurements, key=lambda m: m.cpu_ms):
+            for m in _by_time(stage):
                 names = f"  ({', '.join(m.names)})" if m.names else ""
                 mark = "*" if m in best else ""
                 yield (f"  {mark:2} {m.cpu_ms:9.1f} {m.wall_ms:9.1f} {m.error:9.2g}  {knobs_in_words(m.knobs)}{names}")
@@ -142,8 +139,6 @@ class BenchReport(_Frozen):
 
 def read_report(path: Path) -> BenchReport:
     """Return the results that a run wrote as JSON; raise `ParameterError` where the file holds none."""
-    if reason := unreadable(path):
-        raise ParameterError(f"{path} - {reason}")
     try:
         return BenchReport.model_validate_json(read_text(path, ParameterError))
     except ValidationError as error:

@@ -353,7 +353,7 @@ _SAMPLE_COUNTS = (1, 5, 13, 17, 29, 41, 65)
 _PLANE_COUNTS = (1, 2, 3, 4, 6, 8, 12, 16)
 _QUALITIES = ("draft", "final", "reference")
 _MODELS = product(water__mode=("kd", "kd+", "rgb"), water__bands=(61,))
-_STAGES = (
+_EVERY_STAGE = (
     MeasuredStage(
         "light",
         "Light of the plate: size of the frame",
@@ -435,8 +435,5 @@ _STAGES = (
         lambda bench: frames_against(bench, {"draw.quality": "reference", "plate.scale": 1.0}),
     ),
 )
-
-
-def all_stages() -> dict[str, MeasuredStage]:
-    """Return the stages by name, in the order in which a frame runs them."""
-    return {stage.name: stage for stage in _STAGES}
+STAGES = {stage.name: stage for stage in _EVERY_STAGE}
+"""The stages by name, in the order in which a frame runs them."""

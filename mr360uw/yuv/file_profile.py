@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -142,7 +142,7 @@ def icc_profile(data: bytes) -> PlateMapping | None:
     Raises `ValueError` with the reason where it cannot be read.
     """
     try:
-        found = _matrix_and_curves(data) or table_profile(data, _tags(data), lambda tag: _curve(tag).to_light)
+        found = _matrix_and_curves(data) or table_profile(data)
     except (struct.error, IndexError, np.linalg.LinAlgError, UnicodeDecodeError) as error:
         raise ValueError("a broken profile") from error
     if isinstance(found, TableProfile):
@@ -272,16 +272,16 @@ def _followed(steps: Sequence[Curve], values: Array) -> Array:
     return values
 
 
-def table_profile(data: bytes, tags: Mapping[bytes, bytes], curve: Callable[[bytes], Curve]) -> TableProfile:
+def table_profile(data: bytes) -> TableProfile:
     """Return the map of a profile's tables, those for relative colours where it has some.
 
-    data: the profile; tags: its tags by their signatures. curve: returns the function of a tag of kind curv or para.
     Raises `ValueError` for tables of another kind.
     """
+    tags = _tags(data)
     tag = tags.get(b"A2B1", tags.get(b"A2B0", b""))
     if tag[:4] not in (b"mft1", b"mft2", b"mAB ") or tag[8:10] != b"\3\3":
         raise ValueError("tables of a kind that is not known")
-    first, steps = _packed(tag, curve) if tag.startswith(b"mAB ") else _plain(tag)
+    first, steps = _packed(tag) if tag.startswith(b"mAB ") else _plain(tag)
     # Go on from the profile's XYZ or L*a*b* to light
     matrix, old = rec709_from_xyz(_D50).T, tag.startswith(b"mft2")
     if data[20:24] == b"XYZ ":
@@ -308,11 +308,11 @@ def _plain(tag: bytes) -> tuple[Array, list[Curve]]:
     return first.reshape(3, entries).T, list(steps)
 
 
-def _packed(tag: bytes, curve: Callable[[bytes], Curve]) -> tuple[Array, list[Curve]]:
+def _packed(tag: bytes) -> tuple[Array, list[Curve]]:
     """Return the first curves (n, 3) of a tag of kind lutAToB, and the steps behind them."""
     b, matrix, m, cube, a = struct.unpack_from(">5I", tag, 12)
     x = np.linspace(0.0, 1.0, _CURVE_NODES)
-    groups = [_curves(tag, place, curve) for place in (a, m, b) if place]
+    groups = [_curves(tag, place) for place in (a, m, b) if place]
     # The curves that stand first are sampled; without a cube in between all others follow at once
     first = groups[0](np.repeat(x[:, None], 3, axis=1))
     steps = groups[1:]
@@ -329,11 +329,11 @@ def _packed(tag: bytes, curve: Callable[[bytes], Curve]) -> tuple[Array, list[Cu
     return np.clip(first, 0.0, 1.0), steps
 
 
-def _curves(tag: bytes, place: int, curve: Callable[[bytes], Curve]) -> Curve:
+def _curves(tag: bytes, place: int) -> Curve:
     """Return the function of the three curves that lie one behind the other at a place, each on a multiple of 4."""
     found = []
     for _ in range(3):
-        found.append(curve(tag[place:]))
+        found.append(_curve(tag[place:]).to_light)
         size = (12 + 2 * struct.unpack_from(">I", tag, place + 8)[0]) if tag[place : place + 4] == b"curv" else (
             12 + 4 * (1, 3, 4, 5, 7)[struct.unpack_from(">H", tag, place + 8)[0]])  # fmt: skip
         place += -(-size // 4) * 4

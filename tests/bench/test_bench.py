@@ -30,11 +30,11 @@ from mr360uw.bench.bench_report import (
     read_report,
 )
 from mr360uw.bench.stages import (
+    STAGES,
     MeasuredStage,
     Measurement,
     Workbench,
     Workload,
-    all_stages,
     frames_against,
     measure,
     qualities,
@@ -180,10 +180,9 @@ def test_the_page_needs_nothing_from_elsewhere_and_marks_the_default() -> None:
 
 
 def test_stages_are_measured_at_the_defaults_of_scenes() -> None:
-    stages = all_stages()
-    assert list(stages) == ["light", "medium", "caustics", "planes", "shafts", "sun", "pixels", "frame"]
+    assert list(STAGES) == ["light", "medium", "caustics", "planes", "shafts", "sun", "pixels", "frame"]
     fields = Scene.model_fields
-    for stage in stages.values():
+    for stage in STAGES.values():
         for name, value in stage.named["default"].items():
             table, key = name.split(".")
             model = fields[table].default if table != "plate" else Scene.model_validate({"plate": "p.mp4"}).plate
@@ -199,7 +198,7 @@ def test_a_real_stage_runs(tmp_path: Path) -> None:
     def point(bands: int) -> dict[str, Any]:
         return {"water.mode": "table", "water.bands": bands}
 
-    stage = replace(all_stages()["medium"], quick=(point(3), point(31)), named={})
+    stage = replace(STAGES["medium"], quick=(point(3), point(31)), named={})
     bench = Workbench(tmp_path, Reference(), quick=True)
     few, many = measure(stage, bench)
     assert 0.0 < many.error < 0.2 * few.error
@@ -224,7 +223,7 @@ def bench(
     run: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., tuple[int, str, str]]:
     """Run `mr360uw bench` with one fake stage; return exit code, output and errors."""
-    monkeypatch.setattr("mr360uw.bench.stages.all_stages", lambda: {"sum": fake_stage([])})
+    monkeypatch.setattr("mr360uw.bench.bench_report.STAGES", {"sum": fake_stage([])})
     return partial(run, "bench", "--backend", "reference")
 
 
