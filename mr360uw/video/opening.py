@@ -357,10 +357,6 @@ class _UnwrappedReader(ReaderOver):
             seekers = [opened.enter_context(track.seeker()) for track in self._tracks]
             yield lambda start: self._turned([seek(start) for seek in seekers], turn)
 
-    def entry_before(self, index: int) -> int:
-        """Return the last frame up to another at which decoding may start."""
-        return self._plate.entry_before(index)
-
     def _turned(self, tracks: list[Iterator[VideoFrame]], turn: Callable[[Any], Any]) -> Iterator[VideoFrame]:
         for pictures in zip(*tracks, strict=False):  # a seeker's tracks may differ in length
             first = pictures[0]

@@ -411,6 +411,10 @@ class ReaderOver(VideoReader):
         """Return the file that holds a frame."""
         return self._plate.file_of(index)
 
+    def entry_before(self, index: int) -> int:
+        """Return the last frame up to another that is read without others before it."""
+        return self._plate.entry_before(index)
+
 
 def check_range(path: Path, start: int, stop: int | None, count: int) -> tuple[int, int]:
     """Return (start, stop), stop filled in with the count; VideoError unless 0 <= start < stop <= count."""
@@ -514,10 +518,6 @@ class DecodedOnce(ReaderOver):
         if all(index in self._kept for index in range(start, stop)):
             return (_anew(self._kept[index]) for index in range(start, stop))
         return map(self._seen, self._plate.frames(start, stop))
-
-    def entry_before(self, index: int) -> int:
-        """Return the last frame up to another that is read without others before it."""
-        return self._plate.entry_before(index)
 
     def _seen(self, frame: VideoFrame) -> VideoFrame:
         """Return a frame that has been read; keep it, where it is one of those."""

@@ -10,7 +10,7 @@ import pytest
 from mr360uw.base.color import ColorSpec
 from mr360uw.errors import VideoError
 from mr360uw.video import open_video, write_exr
-from mr360uw.video.reader import DecodedOnce
+from mr360uw.video.reader import DecodedOnce, scaled
 from tests.video.boxes import mark_v2
 from tests.video.clips import decoded, moving_planes, write_clip, write_trimmed_clip
 from tests.video.tolerances import VIDEO_SHARED_EXPONENT
@@ -347,3 +347,11 @@ def test_frames_that_are_too_many_are_not_kept(tmp_path, monkeypatch) -> None:
         kept = DecodedOnce(video, (0, 12))
         assert signatures(kept) == signatures(video)
         assert not kept.are_all
+
+
+def test_smaller_frames_begin_where_the_plate_can_be_decoded(tmp_path) -> None:
+    """A draft looks at the frames that a whole composite looks at."""
+    clip = write_clip(tmp_path / "clip.mp4", 12, options={"g": "5", "sc_threshold": "0"})
+    with open_video(clip) as video:
+        assert [video.entry_before(index) for index in (0, 4, 5, 11)] == [0, 0, 5, 10]
+        assert [scaled(video, 0.5).entry_before(index) for index in (0, 4, 5, 11)] == [0, 0, 5, 10]
