@@ -24,7 +24,7 @@ from mr360uw.base.cache import drop_shared
 from mr360uw.base.files import check_outputs, write_whole
 from mr360uw.base.input_files import read_text
 from mr360uw.base.parameters import Parameters, checked, file_path, instance, numbers
-from mr360uw.errors import ParameterError, install_command, optional
+from mr360uw.errors import ParameterError, needed
 from mr360uw.medium.layers import LayeredField
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.transfer import LightField
@@ -580,10 +580,7 @@ def _value(cell: str) -> float | str:
 
 
 def _xarray() -> Any:
-    try:
-        return optional("xarray")
-    except ImportError:
-        raise ParameterError(f"datasets - need xarray (got none) - {install_command('data')}") from None
+    return needed("xarray", "data", "datasets")
 
 
 def _dataset(data: dict[str, Any], grid: dict[str, Any], **facts: Any) -> Dataset:

@@ -94,6 +94,15 @@ def optional(module: str) -> Any:
     return importlib.import_module(module)
 
 
+def needed(module: str, extra: str, what: str) -> Any:
+    """Return a module of an extra, imported; raise `ParameterError` that names what needs it."""
+    try:
+        return optional(module)
+    except ImportError:
+        package = module.partition(".")[0]
+        raise ParameterError(f"{what} - needs {package} (got none) - {install_command(extra)}") from None
+
+
 _PACKAGES = ("numpy", "scipy", "numba", "av", "opencv-contrib-python-headless", "OpenEXR", "moderngl", "trimesh",
              "embreex", "colour-science", "pydantic")  # fmt: skip
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.base.color import encode
-from mr360uw.errors import ParameterError, install_command, optional
+from mr360uw.errors import ParameterError, needed
 
 __all__ = ["Figure", "Shown", "show"]
 
@@ -98,10 +98,7 @@ def show(result: Shown, axes: Any = None) -> Any:
     if not isinstance(result, Shown):
         raise ParameterError(f"result - has no plot (got {type(result).__name__}) - see uw.plot.show")
     if axes is None:
-        try:
-            axes = optional("matplotlib.pyplot").figure().add_subplot()
-        except ImportError:
-            raise ParameterError(f"plot - needs matplotlib (got none) - {install_command('plot')}") from None
+        axes = needed("matplotlib.pyplot", "plot", "plot").figure().add_subplot()
     if not hasattr(axes, "set_title"):
         raise ParameterError(f"axes - are none of matplotlib's (got {type(axes).__name__}) - leave them out")
     # Draw a picture or the curves

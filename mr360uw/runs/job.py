@@ -27,7 +27,7 @@ from mr360uw.base.files import WrittenFiles, numbered
 from mr360uw.base.progress import Behind, one_blas_thread, prefetch, share_of_cores
 from mr360uw.composite.aovs import RECIPE, cryptomatte, exr_parts, motion, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
-from mr360uw.errors import GlError, ParameterError, VideoError, install_command, optional
+from mr360uw.errors import GlError, ParameterError, VideoError, needed
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Backend, Drawn, Frame, FrameShots, blend_frame, draw_frame, make_backend
 from mr360uw.render.loaded import Loaded, load
@@ -296,10 +296,7 @@ def _client(address: str) -> Any:
 
 
 def _distributed() -> Any:
-    try:
-        distributed = optional("distributed")
-    except ImportError as error:
-        raise ParameterError(f"--dask - Dask is not installed - {install_command('farm')}") from error
+    distributed = needed("distributed", "farm", "--dask")
     for name in ("distributed", "distributed.client"):  # what they log is raised too, and told as an error
         logging.getLogger(name).setLevel(logging.CRITICAL)
     return distributed
