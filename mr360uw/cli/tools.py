@@ -174,12 +174,12 @@ def schema(
 
     from mr360uw.from_above.settings import AerialScene, aerial_handbook
     from mr360uw.scene.handbook import parameters_markdown
-    from mr360uw.scene.model import scene_schema
+    from mr360uw.scene.model import Scene
 
     if markdown:
         typer.echo(aerial_handbook() if aerial else parameters_markdown(), nl=False)
         return
-    typer.echo(json.dumps(AerialScene.model_json_schema(by_alias=True) if aerial else scene_schema(), indent=2))
+    typer.echo(json.dumps((AerialScene if aerial else Scene).model_json_schema(by_alias=True), indent=2))
 
 
 def info(

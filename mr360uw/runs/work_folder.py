@@ -121,11 +121,6 @@ def analysis_of_arrays(arrays: Mapping[str, NDArray[Any]], kind: type = ClipAnal
     return kind(**values)
 
 
-def save_analysis(analysis: ClipAnalysis, path: Path) -> None:
-    """Write a clip's analysis to a file."""
-    write_arrays(path, arrays_of_analysis(analysis))
-
-
 def load_analysis(path: Path, *, kept: bool = False) -> ClipAnalysis | None:
     """Return the analysis of a file, or None where there is none, or it is damaged or lacks some.
 
@@ -261,7 +256,7 @@ class WorkFolder:
 
     def keep_analysis(self, analysis: ClipAnalysis) -> None:
         """Store the analysis of the clip."""
-        save_analysis(analysis, self.path / _ANALYSIS)
+        write_arrays(self.path / _ANALYSIS, arrays_of_analysis(analysis))
 
     def segments(self) -> list[Segment]:
         """Return the complete segments by their first frame."""

@@ -288,9 +288,8 @@ def _picture(image: Floats, transfer: Transfer, bits: Literal[8, 10], seed: tupl
     step, kind = 2 ** (bits - 8), np.uint8 if bits == 8 else np.uint16
 
     def codes(values: Floats) -> NDArray[Any]:
-        return np.clip(np.floor(step * values + rng.random(values.shape, np.float32)), step, 255 * step - 1).astype(
-            kind
-        )
+        dithered = np.floor(step * values + rng.random(values.shape, np.float32))
+        return np.clip(dithered, step, 255 * step - 1).astype(kind)
 
     y, u, v = (codes(plane) for plane in (16.0 + 219.0 * luma, *(128.0 + 224.0 * _halved(c) for c in (blue, red))))
     return native_frame(YuvImage(y, u, v, ColorSpec(bits=bits)))

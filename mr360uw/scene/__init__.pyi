@@ -1,4 +1,4 @@
-from .model import CameraSettings, PlateSettings, Scene, load_scene, scene_from_dict, scene_schema
+from .model import CameraSettings, PlateSettings, Scene, load_scene, scene_from_dict
 
 __all__ = [
     "CameraSettings",
@@ -6,5 +6,4 @@ __all__ = [
     "Scene",
     "load_scene",
     "scene_from_dict",
-    "scene_schema",
 ]

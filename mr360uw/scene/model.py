@@ -423,8 +423,3 @@ def at_scale(scene: Scene, scale: float | None) -> Scene:
 def files_of(scene: Parameters) -> list[Path]:
     """Return every file and pattern of files that a scene names."""
     return [file for _, file in named_files(scene)]
-
-
-def scene_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scene file, with units, ranges and help."""
-    return Scene.model_json_schema(by_alias=True)

@@ -26,6 +26,7 @@ from mr360uw.video.exr import Wanted
 from mr360uw.video.layout import EyeChoice, output_layout, panorama_crops, part_of, shape_of_codes
 from mr360uw.video.picture_file import PictureFile, picture_file
 from mr360uw.video.picture_tags import PictureTags
+from mr360uw.video.planes import peak_code
 from mr360uw.video.reader import VideoFrame, VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata
 
@@ -283,8 +284,7 @@ def _pano_notes(path: Path, tags: PictureTags, placed: _Place | None) -> Iterato
 
 def _opaque(codes: NDArray[Any]) -> bool:
     """Return whether a matte's picture has no alpha, or one that covers all."""
-    white = np.iinfo(codes.dtype).max if codes.dtype.kind == "u" else 1
-    return codes.shape[-1] < 4 or bool(np.all(codes[..., 3] >= white))
+    return codes.shape[-1] < 4 or bool(np.all(codes[..., 3] >= peak_code(codes)))
 
 
 def _alpha_counts(files: tuple[Path, ...], first: PictureFile) -> bool:
@@ -298,7 +298,7 @@ def _grey_codes(codes: NDArray[Any], *, alpha: bool) -> NDArray[Any]:
     if not alpha:
         return codes[..., :3]
     if codes.shape[-1] < 4:
-        return np.full((*codes.shape[:2], 3), np.iinfo(codes.dtype).max if codes.dtype.kind == "u" else 1, codes.dtype)
+        return np.full((*codes.shape[:2], 3), peak_code(codes), codes.dtype)
     return np.repeat(codes[..., 3:], 3, axis=-1)
 
 

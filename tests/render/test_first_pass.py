@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mr360uw.base.disk_cache import write_arrays
 from mr360uw.base.sphere import direction_from_angles
 from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.errors import DamagedFrameError
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
 from mr360uw.render.surroundings import CameraPath, load_surroundings
-from mr360uw.runs.work_folder import load_analysis, save_analysis
+from mr360uw.runs.work_folder import arrays_of_analysis, load_analysis
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Sun
@@ -118,7 +119,7 @@ def test_a_stored_track_is_read_by_the_frames_of_the_clip(folder: Path, tmp_path
     assert len(later) == FRAMES - 3
     np.testing.assert_array_equal(later.at(2).irradiance, track.at(5).irradiance)
     grade = PlateGrade(1.2, columns=512)
-    save_analysis(ClipAnalysis(later, first=3, grade=grade), tmp_path / "analysis.npz")
+    write_arrays(tmp_path / "analysis.npz", arrays_of_analysis(ClipAnalysis(later, first=3, grade=grade)))
     analysis = load_analysis(tmp_path / "analysis.npz")
     assert analysis.grade == grade
     np.testing.assert_array_equal(analysis.sun_at(5).irradiance, track.at(5).irradiance)

@@ -13,13 +13,14 @@ import pytest
 from mr360uw import open_video, render_frame
 from mr360uw.base.cache import Cache
 from mr360uw.base.color import ColorSpec, decode, encode
+from mr360uw.base.disk_cache import write_arrays
 from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade, code_of
 from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.errors import VideoError
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.loaded import load
 from mr360uw.render.match_stage import asked_grade, clip_grade
-from mr360uw.runs.work_folder import load_analysis, save_analysis
+from mr360uw.runs.work_folder import arrays_of_analysis, load_analysis
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
@@ -160,7 +161,7 @@ def test_patches_of_a_clip_are_solved_and_kept(tmp_path: Path, whale: Path) -> N
     assert colour.saturation == pytest.approx(grade.saturation, abs=2.0 * tol.PATCH_NUMBER)
     assert analysis.grade.found[0].startswith("5 patches: black 0.0")
     assert colour.contrast == pytest.approx(1.0, abs=2.0 * tol.PATCH_NUMBER)
-    save_analysis(analysis, tmp_path / "analysis.npz")
+    write_arrays(tmp_path / "analysis.npz", arrays_of_analysis(analysis))
     stored = load_analysis(tmp_path / "analysis.npz")
     assert stored is not None
     assert stored.grade == analysis.grade
