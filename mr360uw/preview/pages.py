@@ -34,7 +34,7 @@ from mr360uw.scene.model import PlateSettings, Scene, at_scale, files_of, load_s
 from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Environment, Floats, Sun
 from mr360uw.video import VideoFrame
-from mr360uw.video.clip import PICTURE_SUFFIXES
+from mr360uw.video.clip import WRITTEN_SUFFIXES
 from mr360uw.video.planes import codes_from_linear
 from mr360uw.video.reader import whole_frame
 from mr360uw.video.writer import picture_codes, write_picture
@@ -82,8 +82,10 @@ def save_still(
     Raises `ParameterError` where the name is no picture's, `OutputExistsError` where it is there, unless `overwrite`,
     and `OutputError`.
     """
-    if path.suffix.lower() not in PICTURE_SUFFIXES:
-        raise ParameterError(f"{path} - is no name of a picture (got {path.suffix!r}) - end it in .png, .jpg or .exr")
+    if path.suffix.lower() not in WRITTEN_SUFFIXES:
+        raise ParameterError(
+            f"{path} - is no name of a picture that is written (got {path.suffix!r}) - end it in .png, .jpg or .exr"
+        )
     check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
     with files_read() as read, LivePreview(backend) as live:
         picture = still(live, scene)

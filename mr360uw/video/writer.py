@@ -313,11 +313,11 @@ def _encoded(path: Path, frame: VideoFrame) -> bytes:
     # Encode them, and put the metadata in
     exif = tags.exif if tags is not None and "exif" in held else b""
     mark = xmp_of(tags, size, panorama=whole) if "xmp" in held else b""
-    if suffix == ".webp":
-        return _webp(pixels, icc, exif, mark)
-    data = _by_opencv(path, pixels)
+    data = _webp(pixels, icc, exif, mark) if suffix == ".webp" else _by_opencv(path, pixels)
     if not data:
-        raise VideoError(f"{path} - this kind of picture cannot be written - take .png, .jpg or .exr")
+        raise VideoError(
+            f"{path} - pictures of this kind are not so large (got {size[0]}x{size[1]}) - take .png, .tif or .exr"
+        )
     if suffix == ".hdr":
         return _radiance(data, tags.lines if tags is not None and tags.kind == suffix else (), size)
     return with_tags(data, suffix, icc, exif, mark, chunks, () if tags is None else tags.own)
@@ -332,12 +332,13 @@ def _by_opencv(path: Path, pixels: NDArray[Any]) -> bytes:
 
 
 def _webp(pixels: NDArray[Any], icc: bytes, exif: bytes, mark: bytes) -> bytes:
-    """Return a lossless WebP."""
+    """Return a lossless WebP; none where it is larger than its format allows."""
     from PIL import Image
 
     out = io.BytesIO()
     picture = Image.fromarray(np.ascontiguousarray(pixels))
-    picture.save(out, "WEBP", lossless=True, quality=100, exif=exif, xmp=mark, icc_profile=icc)
+    with suppress(ValueError):
+        picture.save(out, "WEBP", lossless=True, quality=100, exif=exif, xmp=mark, icc_profile=icc)
     return out.getvalue()
 
 

@@ -19,10 +19,12 @@ from PIL import Image
 
 import mr360uw as uw
 from mr360uw.base.color import LUMINANCE, decode, encode, rec709_from_chromaticities
-from mr360uw.errors import VideoError
+from mr360uw.errors import ParameterError, VideoError
+from mr360uw.preview.pages import save_still
 from mr360uw.scene.model import PlateSettings
 from mr360uw.scene.resolved import pose_of_plate
-from mr360uw.video import read_exr, read_picture, write_exr
+from mr360uw.video import VideoFrame, read_exr, read_picture, write_exr
+from mr360uw.video.writer import write_picture
 from mr360uw.yuv.file_profile import REC709_XY
 from tests.video import tolerances as tol
 from tests.video.clips import exr_windows
@@ -580,3 +582,18 @@ def test_kinds_that_are_not_read_are_explained(tmp_path: Path) -> None:
         uw.open_video(tmp_path / "IMG_1.insp")
     with pytest.raises(VideoError, match="is not written"):
         uw.video.create_video(tmp_path / "out.dpx", width=64, height=32)
+
+
+@pytest.mark.parametrize(("name", "columns"), [("wide.webp", 16400), ("wide.jpg", 65600)])
+def test_a_picture_that_its_format_does_not_hold_is_refused(name: str, columns: int, tmp_path: Path) -> None:
+    frame = VideoFrame.of_linear(np.zeros((2, columns, 3), np.float32))
+    with pytest.raises(VideoError, match=f"are not so large .got {columns}x2"):
+        write_picture(tmp_path / name, frame)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["out.dpx", "out.tga", "out.jp2"])
+def test_stills_of_kinds_that_are_only_read_are_refused(name: str, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "plate.png"), np.zeros((32, 64, 3), np.uint8))
+    with pytest.raises(ParameterError, match="no name of a picture that is written"):
+        save_still(tmp_path / name, uw.Scene(plate=tmp_path / "plate.png"))
