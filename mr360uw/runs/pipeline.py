@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import Literal
 
 from mr360uw.base.cache import Cache
+from mr360uw.base.disk_cache import keep_arrays
 from mr360uw.base.parameters import checked
 from mr360uw.base.progress import Progress, begin_phase
 from mr360uw.caustics import export_tiles, refract_to_air
 from mr360uw.errors import SceneError, package_versions
 from mr360uw.render.check import scene_sun_lines
-from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
+from mr360uw.render.first_pass import ClipAnalysis, clip_analysis, first_pass, measured_range
 from mr360uw.render.frame import close_backend, make_backend
 from mr360uw.render.loaded import Loaded, Loader, load_plate_depth
 from mr360uw.render.surroundings import load_surroundings
@@ -28,9 +29,11 @@ from mr360uw.runs.outputs import Output, Report, forecaster, with_encoder
 from mr360uw.runs.work_folder import (
     Part,
     WorkFolder,
+    analysis_file,
+    arrays_of_analysis,
     input_fingerprints,
     joined_bounds,
-    measured_analysis,
+    load_analysis,
     work_folder,
     work_keys,
 )
@@ -203,7 +206,13 @@ def _find_analysis(
     if analysis is None:
         since = time.perf_counter()
         begin_phase(progress, "reading the light")
-        analysis = measured_analysis(loaded, video, span, work.keys, progress, fresh=fresh)
+        # Take that of an earlier run over the same plate with the same settings, or measure it
+        file = analysis_file(loaded, video, work.keys)
+        analysis = None if file is None or fresh else load_analysis(file, kept=True)
+        if analysis is None:
+            analysis = clip_analysis(loaded, video, progress, frames=span)
+            if file is not None:
+                keep_arrays(file, arrays_of_analysis(analysis))
         work.keep_analysis(analysis)
         times.add("first pass", since)
     if tell is not None:

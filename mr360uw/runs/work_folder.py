@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from mr360uw.base.disk_cache import (
     cache_file,
-    keep_arrays,
     read_arrays,
     sources_stamp,
     write_arrays,
@@ -42,9 +41,8 @@ from mr360uw.base.files import (
     write_whole,
 )
 from mr360uw.base.input_files import InputFile, input_file, read_json, stamp
-from mr360uw.base.progress import Progress
 from mr360uw.errors import OutputError, VideoError
-from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.scene.toml_model import dotted
@@ -55,30 +53,7 @@ from mr360uw.video.writer import Segment, SegmentWriter, VideoWriter, stored_seg
 # The clip analysis as a file: measured once, and kept for later runs over the same plate and settings.
 
 
-def measured_analysis(
-    loaded: Loaded,
-    video: VideoReader,
-    frames: tuple[int, int],
-    keys: WorkKeys,
-    progress: Progress | None = None,
-    *,
-    fresh: bool = False,
-) -> ClipAnalysis:
-    """Return the analysis of a clip's frames [a, b), of an earlier run if there was one over the same with the same.
-
-    fresh: measure them anyway. Raises as `clip_analysis`.
-    """
-    path = _file_of(loaded, video, keys)
-    stored = None if path is None or fresh else load_analysis(path, kept=True)
-    if stored is not None:
-        return stored
-    analysis = clip_analysis(loaded, video, progress, frames=frames)
-    if path is not None:
-        keep_arrays(path, arrays_of_analysis(analysis))
-    return analysis
-
-
-def _file_of(loaded: Loaded, video: VideoReader, keys: WorkKeys) -> Path | None:
+def analysis_file(loaded: Loaded, video: VideoReader, keys: WorkKeys) -> Path | None:
     """Return the file of the analysis, under the key of the first pass, what the plan asks of it and the plate's files.
 
     None where nothing is kept: plates of two lenses and configs of OpenColorIO may lie in files that the scene does

@@ -12,7 +12,7 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.base.disk_cache import FOLDER
-from mr360uw.runs import work_folder
+from mr360uw.runs import pipeline
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
@@ -38,13 +38,13 @@ def _counted(tmp_path: Path, solved: list[Path], monkeypatch: pytest.MonkeyPatch
     for path in solved:
         shutil.copy2(path, tmp_path / "kept")
     PASSES.clear()
-    run = work_folder.clip_analysis
+    run = pipeline.clip_analysis
 
     def counted(*arguments: object, **options: object) -> object:
         PASSES.append(1)
         return run(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(work_folder, "clip_analysis", counted)
+    monkeypatch.setattr(pipeline, "clip_analysis", counted)
 
 
 @pytest.fixture
