@@ -23,26 +23,22 @@ from mr360uw.scene.toml_model import toml_value
 def scene_text(chosen: dict[str, Any]) -> str:
     """Return a TOML scene: `chosen` keys set, every other key commented out with its default, help, range and unit."""
     lines = ["# A scene of mr360uw. Lines that start with # show the defaults; units stand in [brackets].", ""]
-    tables: list[str] = []
     for name, field in Scene.model_fields.items():
         key = field.alias or name
         model = _model_of(field)
-        if model is None:
-            lines += [_help(field), _assignment(key, chosen.get(key), field), ""]
-            continue
         repeated = isinstance(field.default, tuple)
         entries = chosen.get(key, []) if repeated else [chosen.get(key, {})]
         unused = (repeated and not entries) or (field.default is None and key not in chosen)
         header = f"[[{key}]]" if repeated else f"[{key}]"
         for entry in entries or [{}]:
             prefix = "# " if unused else ""
-            tables += [
+            lines += [
                 f"# {(model.__doc__ or model.__name__).strip().splitlines()[0]}",
                 f"{prefix}{header}",
                 *_scene_table(model, field.default, entry, unused),
                 "",
             ]
-    return "\n".join(lines + tables)
+    return "\n".join(lines)
 
 
 def _scene_table(model: type[BaseModel], default: Any, entry: dict[str, Any], unused: bool) -> list[str]:
@@ -53,7 +49,7 @@ def _scene_table(model: type[BaseModel], default: Any, entry: dict[str, Any], un
         key = field.alias or name
         value = getattr(default, name, None) if isinstance(default, BaseModel) else None
         line = _assignment(key, entry.get(key), field, value)
-        lines.append(f"{line if not unused or line.startswith('#') else '# ' + line}{_help(field, trailing=True)}")
+        lines.append(f"{line if not unused or line.startswith('#') else '# ' + line}{_help(field)}")
     return lines
 
 
@@ -65,17 +61,14 @@ def _assignment(key: str, chosen: Any, field: FieldInfo, default: Any = None) ->
     return f"# {key} = {shown}"
 
 
-def _help(field: FieldInfo, *, trailing: bool = False) -> str:
+def _help(field: FieldInfo) -> str:
     bounds = bounds_text(field)
     text = (field.description or "") + (f" [{bounds}]" if bounds else "")
-    return (f"   # {text}" if text else "") if trailing else f"# {text}"
+    return f"   # {text}" if text else ""
 
 
-def _model_of(field: FieldInfo) -> type[BaseModel] | None:
-    if isinstance(field.default, BaseModel):
-        return type(field.default)
-    models = models_of(field.annotation)
-    return models[0] if models else None
+def _model_of(field: FieldInfo) -> type[BaseModel]:
+    return type(field.default) if isinstance(field.default, BaseModel) else models_of(field.annotation)[0]
 
 
 _COLUMNS = ("key", "default", "values, range, unit", "meaning")

@@ -173,13 +173,10 @@ class ImageReader(VideoReader):
         for index in range(start, stop):
             both, tags = read if read is not None else self._codes(self._files[index])
             time_s = float(index * self.time_base)
-            eyes = [
-                VideoFrame(
-                    index, index, self.time_base, time_s, 1, self.spec, rgb=rgb, wrap=self._wrap, picture_tags=tags
-                )
-                for rgb in both
-            ]
-            yield replace(eyes[0], right=eyes[1]) if len(eyes) > 1 else eyes[0]
+            frame = VideoFrame(
+                index, index, self.time_base, time_s, 1, self.spec, rgb=both[0], wrap=self._wrap, picture_tags=tags
+            )
+            yield frame if len(both) == 1 else replace(frame, right=replace(frame, rgb=both[1]))
 
     def _codes(self, path: Path) -> tuple[list[NDArray[Any]], PictureTags]:
         """Return the codes of a picture, of both eyes where they are read, and its metadata."""

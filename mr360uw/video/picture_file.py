@@ -201,10 +201,6 @@ def _decoded(path: Path, data: bytes, *, matte: bool) -> NDArray[Any]:
     codes = _by_opencv(path, data, flags)
     if codes is None:
         codes = _decoded_by_pillow(path, data)
-    if codes.dtype not in (np.uint8, np.uint16, np.float32):
-        raise VideoError(
-            f"{path} - samples of this kind are not supported (got {codes.dtype}) - save it with 8 or 16 bits"
-        )
     codes = _to_full_scale(codes, _stored_bits(data))
     return _rgb_order(codes if codes.ndim == 3 else np.repeat(codes[..., None], 3, axis=-1))
 

@@ -13,7 +13,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -55,9 +55,8 @@ class VideoWriter(ABC):
         index, base = self._images, self._clip.time_base
         step = round(1 / (self._clip.frame_rate * base))
         pts = self._clip.start_pts + index * step
-        linear = ColorSpec("bt709", True, "linear", 32)
-        rgb = np.asarray(image_linear, np.float32)
-        self.write(VideoFrame(index, pts, base, float(index * step * base), step, linear, rgb=rgb))
+        frame = VideoFrame.of_linear(np.asarray(image_linear, np.float32), index, float(index * step * base))
+        self.write(replace(frame, pts=pts, time_base=base, duration=step))
         self._images += 1
 
     @abstractmethod
