@@ -40,7 +40,7 @@ from mr360uw.base.color import (
     rgb_from_ycbcr,
     ycbcr_from_rgb,
 )
-from mr360uw.base.tile_blend import NO_GROUND, blended, light_sum
+from mr360uw.base.tile_blend import NO_GROUND, blended, changed_pixels, light_sum
 from mr360uw.jit import fast, inlined
 from mr360uw.types import Floats, Rectangle, Tile, UnlaidGround, YuvImage
 from mr360uw.video.plane_kernels import write_planes
@@ -162,26 +162,19 @@ def codes_from_linear(linear: Floats, transfer: Transfer, dtype: Any, frame_inde
     return np.clip(np.floor(encode(linear, transfer) * peak + dither), 0.0, peak).astype(dtype)
 
 
-def lay_over_codes(
-    codes: NDArray[Any],
-    linear: Floats,
-    changed: NDArray[np.bool_],
-    transfer: Transfer,
-    rectangle: Rectangle,
-    frame_index: int,
-) -> None:
-    """Write linear light (h, w, 3) into a rectangle of code values, in place, where `changed`.
+def lay_over_codes(codes: NDArray[Any], linear: Floats, tile: Tile, transfer: Transfer, frame_index: int) -> None:
+    """Write the composite of a tile, linear light (h, w, 3), into a picture's code values, where the tile changes them.
 
     Integer codes are clipped to full scale and dithered; floating point pictures take the new light as it is.
     """
+    part, changed = codes[tile.window], changed_pixels(tile)
     if codes.dtype.kind == "f":
-        codes[changed] = encode(linear[changed], transfer)
+        part[changed] = encode(linear[changed], transfer)
         return
-    peak = peak_code(codes)
-    column, row, width, height = rectangle
-    dither = noise(height, width, row, column, frame_index)[changed][:, None]
+    peak, (rows, columns) = peak_code(codes), changed.shape
+    dither = noise(rows, columns, tile.row, tile.column, frame_index)[changed][:, None]
     new = encode(np.asarray(linear[changed], np.float64), transfer) * peak
-    codes[changed] = np.clip(np.floor(new + dither), 0.0, peak).astype(codes.dtype)
+    part[changed] = np.clip(np.floor(new + dither), 0.0, peak).astype(codes.dtype)
 
 
 # Converts between PyAV frames and planes.

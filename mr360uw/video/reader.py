@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.color import ColorSpec, brightest_light, in_plate_primaries, in_rec709
-from mr360uw.base.tile_blend import blended, changed_pixels, light_sum
+from mr360uw.base.tile_blend import blended, light_sum
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.clip import Clip
@@ -257,7 +257,7 @@ class VideoFrame:
             linear = in_plate_primaries(linear, self.spec)
             if amount > 0.0 and self.spec.mapping is not None:
                 linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
-            lay_over_codes(codes[tile.window], linear, changed_pixels(tile), self.spec.transfer, rectangle, self.index)
+            lay_over_codes(codes, linear, tile, self.spec.transfer, self.index)
         codes.flags.writeable = False
         return replace(self, rgb=codes, clipped=tuple(clipped), grade=None)
 
