@@ -32,13 +32,13 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Backend, Drawn, Frame, FrameShots, blend_frame, draw_frame, make_backend
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.runs.compositor import shots_of_clip
-from mr360uw.runs.work_folder import Part, SegmentSink, WorkFolder
+from mr360uw.runs.work_folder import Part, WorkFolder
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
 from mr360uw.video import VideoFrame, VideoReader, write_exr
 from mr360uw.video.clip import PICTURE_SUFFIXES
 from mr360uw.video.other_tracks import exr_attributes
-from mr360uw.video.writer import ImageWriter, VideoWriter
+from mr360uw.video.writer import ImageWriter, SegmentWriter, VideoWriter
 
 _WAITING = 2
 """Frames between two stages at most, beside the one in each."""
@@ -206,7 +206,7 @@ class OpenJob:
         job = self.job
         if job.out.suffix.lower() in PICTURE_SUFFIXES:
             return ImageWriter(job.out, self.video, overwrite=True, file=files.file)
-        return SegmentSink(job.work, list(job.parts), self.video, job.scene.output)
+        return SegmentWriter(job.work.path, job.parts, self.video, job.scene.output)
 
 
 def _backend_of_worker(name: str, kinds: int) -> Backend:

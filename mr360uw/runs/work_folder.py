@@ -11,7 +11,7 @@ import itertools
 import json
 import secrets
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import NoneType
@@ -41,14 +41,14 @@ from mr360uw.base.files import (
     write_whole,
 )
 from mr360uw.base.input_files import InputFile, input_file, read_json, stamp
-from mr360uw.errors import OutputError, VideoError
+from mr360uw.errors import OutputError
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.scene.toml_model import dotted
-from mr360uw.video import Clip, EncodeSettings, VideoFrame, VideoReader
+from mr360uw.video import VideoReader
 from mr360uw.video.clip import projection_of
-from mr360uw.video.writer import Segment, SegmentWriter, VideoWriter, stored_segments
+from mr360uw.video.writer import Segment, stored_segments
 
 # The clip analysis as a file: measured once, and kept for later runs over the same plate and settings.
 
@@ -175,38 +175,6 @@ def joined_bounds(parts: list[Part]) -> list[Part]:
         follows = bool(found) and found[-1][1] == start
         found.append((found.pop()[0] if follows else start, stop))
     return found
-
-
-class SegmentSink(VideoWriter):
-    """Frames of a range as segments in a work folder, each complete as soon as its last frame is encoded."""
-
-    def __init__(self, work: WorkFolder, parts: list[Part], like: Clip, settings: EncodeSettings) -> None:
-        self.path = work.path
-        self._stops, self._clip, self._settings = dict(parts), like, settings
-        self._writer: SegmentWriter | None = None
-        self._stop = 0
-
-    def write(self, frame: VideoFrame) -> None:
-        """Encode a frame into its segment."""
-        if self._writer is None:
-            self._stop = self._stops[frame.index]
-            self._writer = SegmentWriter(self.path, frame.index, self._stop, self._clip, self._settings)
-        self._writer.write(frame)
-        if frame.index + 1 == self._stop:
-            self._writer.finish()
-            self._writer = None
-
-    def finish(self) -> None:
-        """Complete the last segment; the frames of it have all been written."""
-        if self._writer is not None:
-            self._writer.finish()
-
-    def abort(self) -> None:
-        """End the segment that is not complete with the frames that it has, or remove it where that fails."""
-        if self._writer is not None:
-            with suppress(VideoError):  # of a disk that is full; the error that ends the run says so
-                self._writer.cut()
-            self._writer.abort()
 
 
 _KEYS, _ANALYSIS, _WRITTEN, _EARLIER = "run.json", "analysis.npz", "written-", "earlier-"

@@ -11,7 +11,7 @@ import hashlib
 import io
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -107,76 +107,85 @@ class Segment:
 
 
 class SegmentWriter(VideoWriter):
-    """One segment as output, for frames [start, stop) of a plate; leaving the `with` block completes it.
+    """Segments as output, each complete as soon as its last frame is written.
 
-    folder: gets its files.
+    path: of the folder that gets their files. parts: frames [start, stop) of each. An output that is given up ends the
+    segment that is not complete with the frames that it has.
     """
 
-    def __init__(self, folder: Path, start: int, stop: int, like: Clip, settings: EncodeSettings) -> None:
-        self.path = _data_path(folder, start, stop)
-        self._clip, self._left, self._span = like, stop - start, (start, stop)
-        settings = resolved(settings, like)
-        context = av.CodecContext.create(settings.encoder_name, "w")
-        # parameter sets go into the header of the joined file, as its containers want
-        context.flags |= av.codec.context.Flags.global_header
-        self._encoder = Encoder(self.path, like, settings, context)
-        self._packets: list[tuple[int, int, int, int]] = []
-        self._hash = hashlib.sha256()
-        self._complete = self._lacks_packets = False
-        with self._errors():
-            self._file: BinaryIO = self.path.open("wb")
+    _encoder: Encoder
+    _start: int
+
+    def __init__(self, folder: Path, parts: Iterable[tuple[int, int]], like: Clip, settings: EncodeSettings) -> None:
+        self.path, self._stops, self._clip, self._settings = folder, dict(parts), like, resolved(settings, like)
+        self._file: BinaryIO | None = None
 
     def write(self, frame: VideoFrame) -> None:
-        """Encode a frame."""
-        self._keep(self._encoder.encode(frame, frame.pts))
-        self._left -= 1
+        """Encode a frame into its segment."""
+        if self._file is None:
+            self._file = self._begun(frame.index)
+        self._keep(self._file, self._encoder.encode(frame, frame.pts))
+        self._next = frame.index + 1
+        if self._next == self._stops[self._start]:
+            self._complete(self._file)
 
-    def _keep(self, packets: list[Any]) -> None:
+    def _begun(self, start: int) -> BinaryIO:
+        """Return the file of the packets of a segment, and make its encoder."""
+        self._start = self._next = start
+        self._data, self._lacks_packets = _data_path(self.path, start, self._stops[start]), False
+        context = av.CodecContext.create(self._settings.encoder_name, "w")
+        # parameter sets go into the header of the joined file, as its containers want
+        context.flags |= av.codec.context.Flags.global_header
+        self._encoder = Encoder(self._data, self._clip, self._settings, context)
+        self._packets: list[tuple[int, int, int, int]] = []
+        self._hash = hashlib.sha256()
+        with self._errors():
+            return self._data.open("wb")
+
+    def _keep(self, file: BinaryIO, packets: list[Any]) -> None:
         with self._errors():
             for packet in packets:
                 data = bytes(packet)
-                size = self._file.write(data)
+                size = file.write(data)
                 self._hash.update(data)
                 self._packets.append((packet.pts, packet.duration or 0, int(packet.is_keyframe), size))
 
-    def finish(self) -> None:
+    def _complete(self, file: BinaryIO) -> None:
         """Encode what is pending and write the table."""
-        if self._file.closed:
-            return
-        if self._left:
-            raise VideoError(f"{self.path} - lacks frames (got {self._left} too few) - render the segment again")
-        self._keep(self._encoder.flush())
+        self._keep(file, self._encoder.flush())
         with self._errors():
-            self._file.flush()
-            os.fsync(self._file.fileno())  # after a power cut, no table stands beside packets that are not there
-            self._file.close()
-            mark = _mark(self.path, self._hash)
+            file.flush()
+            os.fsync(file.fileno())  # after a power cut, no table stands beside packets that are not there
+            file.close()
+            mark = _mark(self._data, self._hash)
             table: dict[str, NDArray[Any]] = {"packets": np.array(self._packets, np.int64), "sha256": mark}
-            write_arrays(self.path.with_suffix(_TABLE), table)
-        self._complete = True
+            write_arrays(self._data.with_suffix(_TABLE), table)
+        self._file = None
+        del self._encoder  # its memory is free before that of the next segment is taken
 
-    def cut(self) -> None:
-        """Complete the segment with the frames that it has, under a name that says so; without any, and where packets
-        could not be written, it is removed.
-        """
-        start, stop = self._span[0], self._span[1] - self._left
-        if not self._file.closed and stop > start and not self._lacks_packets:
-            with self._errors():
-                self.path = self.path.rename(_data_path(self.path.parent, start, stop))
-            self._left = 0
-            self.finish()
-        self.abort()
+    def finish(self) -> None:
+        """Nothing is left to do: every segment is complete."""
+        if self._file is not None:
+            lacking = self._stops[self._start] - self._next
+            raise VideoError(f"{self._data} - lacks frames (got {lacking} too few) - render the segment again")
 
     def abort(self) -> None:
-        """Remove the segment unless it is complete."""
-        if not self._complete:
+        """Complete the segment that has been begun with the frames that it has, under a name that says so.
+
+        Without any, and where packets could not be written, it is removed.
+        """
+        if self._file is not None and self._next > self._start and not self._lacks_packets:
+            with suppress(VideoError), self._errors():  # the error that ends the run says that the disk is full
+                self._data = self._data.rename(_data_path(self.path, self._start, self._next))
+                self._complete(self._file)
+        if self._file is not None:
             with suppress(OSError):  # what is left in a buffer cannot be written where the disk is full
                 self._file.close()
-            self.path.unlink(missing_ok=True)
+            self._data.unlink(missing_ok=True)
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
-        with writing(self.path):
+        with writing(self._data):
             try:
                 yield
             except OSError:
