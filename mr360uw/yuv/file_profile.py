@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import shared
 from mr360uw.base.color import REC709_XY, PlateMapping, encode, rec709_from_chromaticities, rec709_from_xyz
-from mr360uw.yuv.ocio_transform import CubeTable, unit_grid
+from mr360uw.yuv.ocio_transform import cube_function, unit_grid
 
 Array = NDArray[np.float64]
 
@@ -237,14 +237,14 @@ _CURVE_NODES = 4096
 class TableProfile:
     """The map of a profile's tables; see `color.PlateMapping`.
 
-    digest: of the profile. first: curves (n, 3) of the values. steps: what follows, to linear Rec.709. light: that of a
-    grid of 33 x 33 x 33 behind the first curves, as sRGB, by which values are looked for.
+    digest: of the profile. first: curves (n, 3) of the values. steps: what follows, to linear Rec.709. inverse: of the
+    steps, by a grid of 33 x 33 x 33: from light, as sRGB, to values behind the first curves.
     """
 
     digest: str
     first: Array = field(compare=False)
     steps: tuple[Curve, ...] = field(compare=False)
-    light: CubeTable = field(compare=False)
+    inverse: Curve = field(compare=False)
     on_file_codes: bool = False
     is_wide: bool = False
 
@@ -258,9 +258,9 @@ class TableProfile:
         wanted = np.asarray(encode(np.asarray(light, np.float64).reshape(-1, 3), "srgb"), np.float64)
         about = wanted
         for _ in range(_CORRECTIONS):
-            found = self.light.inverse(about)
+            found = self.inverse(about)
             about = about + wanted - encode(_followed(self.steps, found), "srgb")
-        found = self.light.inverse(about)
+        found = self.inverse(about)
         axis, rising = np.linspace(0.0, 1.0, len(self.first)), np.maximum.accumulate(self.first)
         values = np.stack([np.interp(found[:, c], rising[:, c], axis) for c in range(3)], axis=-1)
         return values.reshape(light.shape)
@@ -293,7 +293,7 @@ def table_profile(data: bytes) -> TableProfile:
     light = np.asarray(encode(sampled, "srgb"), np.float64)
     if not np.all(np.isfinite(light)):
         raise ValueError("a broken profile")
-    return TableProfile(hashlib.sha256(data).hexdigest(), first, tuple(steps), CubeTable(light))
+    return TableProfile(hashlib.sha256(data).hexdigest(), first, tuple(steps), cube_function(light, inverse=True))
 
 
 def _plain(tag: bytes) -> tuple[Array, list[Curve]]:
@@ -343,7 +343,7 @@ def _curves(tag: bytes, place: int) -> Curve:
 def _table(values: Array) -> Curve:
     """Return the function of a table (n, 3) or (n, n, n, 3) over [0, 1]."""
     if values.ndim == 4:
-        return CubeTable(values).forward
+        return cube_function(values)
     axis = np.linspace(0.0, 1.0, len(values))
     return lambda x: np.stack([np.interp(x[:, c], axis, values[:, c]) for c in range(3)], axis=-1)
 

@@ -8,8 +8,9 @@ Values outside of a table's domain are held at its edge.
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -288,20 +289,13 @@ def _processor_of(transform: Any, *, inverse: bool) -> Any:
     return made.getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS)
 
 
-class CubeTable:
-    """A table (n, n, n, 3) of a function of three channels from 0 to 1, read by tetrahedra, and its inverse."""
+def cube_function(table: NDArray[Any], *, inverse: bool = False) -> Callable[[NDArray[Any]], NDArray[Any]]:
+    """Return the function of a table (n, n, n, 3) over three channels from 0 to 1, read by tetrahedra, or its inverse.
 
-    def __init__(self, table: NDArray[Any]) -> None:
-        ocio = _library()
-        transform = ocio.Lut3DTransform(len(table))
-        transform.setInterpolation(ocio.INTERP_TETRAHEDRAL)
-        transform.setData(np.ascontiguousarray(table, np.float32).ravel())
-        self._forward, self._inverse = (_processor_of(transform, inverse=turned) for turned in (False, True))
-
-    def forward(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the function's values (m, 3) at (m, 3)."""
-        return _applied(self._forward, values)
-
-    def inverse(self, wanted: NDArray[Any]) -> NDArray[Any]:
-        """Return where (m, 3) the function has the values wanted (m, 3), or the closest that it has."""
-        return _applied(self._inverse, wanted)
+    It takes and returns values (m, 3). The inverse gives where the table has them, or the closest that it has.
+    """
+    ocio = _library()
+    transform = ocio.Lut3DTransform(len(table))
+    transform.setInterpolation(ocio.INTERP_TETRAHEDRAL)
+    transform.setData(np.ascontiguousarray(table, np.float32).ravel())
+    return functools.partial(_applied, _processor_of(transform, inverse=inverse))
