@@ -131,10 +131,10 @@ def _bar(*, hidden: bool) -> AbstractContextManager[Bar | None]:
 
 
 class Steps:
-    """Counts the steps of a run and passes them on; more may be expected as the run goes on."""
+    """Counts the steps of a run and passes them on; more may be expected as the run goes on. done: steps before it."""
 
-    def __init__(self, progress: Progress | None, expected: int) -> None:
-        self._progress, self._done, self._expected = progress, 0, expected
+    def __init__(self, progress: Progress | None, expected: int, done: int = 0) -> None:
+        self._progress, self._done, self._expected = progress, done, expected
 
     def expect(self, count: int) -> None:
         """Expect that many more steps."""

@@ -15,7 +15,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mr360uw.base.input_files import read_text
-from mr360uw.base.progress import Progress, one_blas_thread
+from mr360uw.base.progress import Progress, Steps, one_blas_thread
 from mr360uw.bench.stages import STAGES, Knobs, MeasuredStage, Measurement, Workbench, measure
 from mr360uw.errors import ParameterError, package_versions
 from mr360uw.preview.pages import html_page
@@ -40,17 +40,10 @@ def run_bench(
 
     renderer, _ = make_backend(backend)
     machine = _this_machine(renderer.name, renderer.device)
-    total, done = sum(len(stage.settings(quick=quick)) for stage in stages), 0
-
-    def tick() -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(done, total)
-
+    steps = Steps(progress, sum(len(stage.settings(quick=quick)) for stage in stages))
     with tempfile.TemporaryDirectory() as folder, one_blas_thread():
         bench = Workbench(Path(folder), renderer, quick=quick)
-        results = [StageResult.of(stage, measure(stage, bench, tick)) for stage in stages]
+        results = [StageResult.of(stage, measure(stage, bench, steps.done)) for stage in stages]
     return BenchReport(
         version=__version__, packages=package_versions(), machine=machine, quick=quick, stages=tuple(results)
     )

@@ -6,7 +6,6 @@ A video is made in parts that are kept until all are there, by one process or by
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -16,7 +15,7 @@ from typing import Literal
 from mr360uw.base.cache import Cache
 from mr360uw.base.disk_cache import keep_arrays
 from mr360uw.base.parameters import checked
-from mr360uw.base.progress import Progress, begin_phase
+from mr360uw.base.progress import Progress, Steps, begin_phase
 from mr360uw.caustics import export_tiles, refract_to_air
 from mr360uw.errors import SceneError, package_versions
 from mr360uw.render.check import scene_sun_lines
@@ -146,7 +145,7 @@ def composite_video(
                 analysis = _find_analysis(loaded, seen, span, work, times, progress, tell, fresh=fresh)
                 doubts = analysis.notes
                 begin_phase(progress, "rendering")
-                done = _counted(progress, tell and forecaster(tell, output, work, total - kept), kept, total)
+                done = _counted(Steps(progress, total, kept), tell and forecaster(tell, output, work, total - kept))
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
                 opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer, analysis)
                 with _noting_what_is_finished(output, work):
@@ -229,15 +228,11 @@ def _alone(opened: OpenJob, done: Callable[[], None]) -> RunTimes:
     return times
 
 
-def _counted(
-    progress: Progress | None, forecast: Callable[[], None] | None, kept: int, total: int
-) -> Callable[[], None]:
+def _counted(steps: Steps, forecast: Callable[[], None] | None) -> Callable[[], None]:
     """Return a function that reports one more frame as done."""
-    count: Iterator[int] = itertools.count(kept + 1)
 
     def done() -> None:
-        if progress is not None:
-            progress(next(count), total)
+        steps.done()
         if forecast is not None:
             forecast()
 

@@ -18,7 +18,7 @@ from mr360uw.base.color import ColorSpec, Transfer, encode, luminance, ycbcr_fro
 from mr360uw.base.files import check_folder, check_outputs, made_folder, whole_file, write_whole
 from mr360uw.base.input_files import FRAMES, PICTURE
 from mr360uw.base.parameters import checked, file_path, instance
-from mr360uw.base.progress import Progress, one_blas_thread, prefetch
+from mr360uw.base.progress import Progress, Steps, one_blas_thread, prefetch
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water
 from mr360uw.sample.dive_settings import DiveSettings
@@ -136,10 +136,10 @@ def sample_dive(
         return with_noise(light, settings.noise, settings.seed, index)
 
     def images() -> Iterator[Floats]:
-        for index, light in enumerate(prefetch(map(image, range(frames)), depth=1)):
+        steps = Steps(progress, frames)
+        for light in prefetch(map(image, range(frames)), depth=1):
             yield light
-            if progress is not None:
-                progress(index + 1, frames)
+            steps.done()
 
     # Write the clip, the whale, the truth, and last the scene that names them
     with made_folder(folder / TRUTH_FOLDER):

@@ -207,8 +207,7 @@ class ContainerReader(VideoReader):
     def seeker(self) -> Iterator[Seeker]:
         """Yield a function of a start that reads on from there in the same open file; see `VideoReader`."""
         if self._damaged == "hold":
-            with super().seeker() as anew:
-                yield anew
+            yield self.frames
             return
         with open_container(self.path, self._track, self._card) as (container, stream):
             yield lambda start: self._read(container, stream, *self.check_range(start), rewound=False)
