@@ -87,7 +87,7 @@ def of_water(water: Water, wavelength_nm: ArrayLike) -> Dataset:
         "b_b": ("backscattering", water.backscattering(wavelength_nm)),
         "K_d": ("diffuse attenuation of downwelling irradiance", water.diffuse_attenuation(wavelength_nm)),
     }
-    data = {name: (axes, value, {"long_name": long, "units": "1/m"}) for name, (long, value) in values.items()}
+    data = {name: _quantity(axes, value, long, "1/m") for name, (long, value) in values.items()}
     return _dataset(data, grid, water=water.name, source=water.source)
 
 
@@ -137,13 +137,10 @@ def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: Arr
     rays = np.meshgrid(*(_axis(name, one) for name, one in grid.items()), indexing="ij")
     axes = (*grid, "channel")
     data = {
-        "transmittance": (axes, medium.transmittance(*rays), {"long_name": "transmittance of grey", "units": "1"}),
-        "veil": (axes, medium.veil(*rays), {"long_name": "veil (path radiance)", "units": "1/sr"}),
-        "irradiance": (
-            ("depth_m", "channel"), medium.irradiance(rays[1][0, :, 0]),
-            {"long_name": "downwelling irradiance", "units": "1"},
-        ),
-    }  # fmt: skip
+        "transmittance": _quantity(axes, medium.transmittance(*rays), "transmittance of grey"),
+        "veil": _quantity(axes, medium.veil(*rays), "veil (path radiance)", "1/sr"),
+        "irradiance": _quantity(("depth_m", "channel"), medium.irradiance(rays[1][0, :, 0]), "downwelling irradiance"),
+    }
     made = _dataset(data, grid, water=medium.water.name, source=medium.water.source, mode=medium.mode)
     return made.assign_coords(channel=list(_CHANNELS)).assign_attrs(sensor=medium.sensor.name, gain=medium.gain)
 
@@ -209,18 +206,17 @@ def of_light_field(
         grid["top_m"], own = field.top_m, ("top_m", spectrum)
     else:
         own, facts = (spectrum,), {"refractive_index": field.refractive_index}
-    axes = ("depth_m", spectrum)
+    axes, rays = ("depth_m", spectrum), ("depth_m", "up", spectrum)
     data = {
-        "radiance": (
-            ("depth_m", "up", spectrum), field.radiance(depth[:, None], level[None, :]),
-            {"long_name": "radiance without the sun's beam", "units": "1/sr"},
+        "radiance": _quantity(
+            rays, field.radiance(depth[:, None], level[None, :]), "radiance without the sun's beam", "1/sr"
         ),
-        "E_d": (axes, field.irradiance(depth, 1.0), {"long_name": "downwelling irradiance", "units": "1"}),
-        "E_u": (axes, field.irradiance(depth, -1.0), {"long_name": "upwelling irradiance", "units": "1"}),
-        "E_0": (axes, field.scalar_irradiance(depth), {"long_name": "scalar irradiance", "units": "1"}),
-        "a": (own, field.absorption, {"long_name": "absorption", "units": "1/m"}),
-        "b": (own, field.scattering, {"long_name": "scattering", "units": "1/m"}),
-    }  # fmt: skip
+        "E_d": _quantity(axes, field.irradiance(depth, 1.0), "downwelling irradiance"),
+        "E_u": _quantity(axes, field.irradiance(depth, -1.0), "upwelling irradiance"),
+        "E_0": _quantity(axes, field.scalar_irradiance(depth), "scalar irradiance"),
+        "a": _quantity(own, field.absorption, "absorption", "1/m"),
+        "b": _quantity(own, field.scattering, "scattering", "1/m"),
+    }
     return _dataset(data, grid, **facts)
 
 
@@ -577,6 +573,11 @@ def _value(cell: str) -> float | str:
         return float(cell)
     except ValueError:
         return cell
+
+
+def _quantity(axes: tuple[str, ...], values: ArrayLike, name: str, unit: str = "1") -> tuple[Any, ...]:
+    """Return a variable of a dataset over some axes."""
+    return axes, values, {"long_name": name, "units": unit}
 
 
 def _xarray() -> Any:
