@@ -377,8 +377,6 @@ def render_frame(
     >>> result.image_linear.shape
     (32, 64, 3)
     """
-    if not isinstance(plate, VideoFrame):
-        plate = _checked(plate)
     with Compositor(scene, backend=backend, analysis=analysis) as compositor:
         return compositor.frame(plate, time_s, index=index, sun=sun, gain=gain, shutter_s=shutter_s)
 

@@ -134,8 +134,7 @@ def target_of(scene: BaseModel, name: str) -> Target:
         owner = getattr(owner, step) if isinstance(step, str) else owner[step]
         field = found or field
         path, location = (*path, step), (*location, part if isinstance(step, str) else step)
-    if field is None:
-        raise ParameterError(f"names nothing (got {name!r}) - write for example sea.wind_speed")
+    assert field is not None, "the first part of a name is a field of the scene"
     # Accept numbers and vectors; say what else it is
     lengths = _lengths(field.annotation)
     if isinstance(path[-1], int):

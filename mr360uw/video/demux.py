@@ -28,7 +28,7 @@ import numpy as np
 from av.codec.hwaccel import HWAccel
 from numpy.typing import NDArray
 
-from mr360uw.base.input_files import PICTURE, not_read, note_read, read_data, wrapped
+from mr360uw.base.input_files import PICTURE, not_read, note_read, read_data, unreadable, wrapped
 from mr360uw.errors import VideoError
 from mr360uw.video.spherical import cut_short
 
@@ -86,12 +86,10 @@ def fraction(rational: Any) -> Fraction:
 
 def check_file(path: Path) -> None:
     """Raise VideoError where there is no file with something in it; note that it is read."""
-    if not path.exists():
-        raise VideoError(f"{path} - no such file - check the path")
     if path.is_dir():
         raise VideoError(f"{path} - is a folder - name a video, a picture, or a pattern such as {path}/frame_%04d.png")
-    if not path.is_file():
-        raise VideoError(f"{path} - is a device or a pipe, which cannot be read twice - save it as a file first")
+    if reason := unreadable(path):
+        raise VideoError(f"{path} - {reason}")
     if path.stat().st_size == 0:
         raise VideoError(f"{path} - the file is empty (got 0 bytes) - copy or record it again")
     note_read(path)

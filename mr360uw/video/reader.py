@@ -433,14 +433,13 @@ _LEAST_ROWS = 16
 
 
 def scaled(plate: VideoReader, scale: float) -> VideoReader:
-    """Return a plate with frames of `scale` times its width and height, rounded to even sizes; for 1 itself.
+    """Return a plate with frames of `scale` times its width and height, rounded to even sizes; itself where they
+    have that size.
 
     Raises `ParameterError` unless 0 < scale <= 1 and at least 16 rows are left.
     """
-    if scale == 1.0:
-        return plate
     width, height = scaled_size(plate, scale)
-    return _ScaledReader(plate, width=width, height=height)
+    return plate if (width, height) == (plate.width, plate.height) else _ScaledReader(plate, width=width, height=height)
 
 
 def scaled_size(plate: Clip, scale: float) -> tuple[int, int]:
