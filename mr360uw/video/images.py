@@ -238,9 +238,9 @@ def _placed(path: Path, tags: PictureTags, pano: Mapping[str, str]) -> _Place | 
     try:
         full_width, full_height, width, height, left, top = (float(pano[name]) for name in names)
         scale = tags.size[0] / width
-    except (KeyError, ValueError, ZeroDivisionError):
+        size, at = (round(full_width * scale), round(full_height * scale)), (round(left * scale), round(top * scale))
+    except (KeyError, ValueError, ArithmeticError):
         return None
-    size, at = (round(full_width * scale), round(full_height * scale)), (round(left * scale), round(top * scale))
     if size == tags.size:
         return None
     right, bottom = at[0] + tags.size[0], at[1] + tags.size[1]

@@ -280,7 +280,7 @@ def _coloured(path: Path, found: PictureFile) -> PictureFile:
                 "give it its profile, that of Adobe RGB as a rule"
             )
             return replace(found, notes=(*found.notes, note))
-    except (ValueError, struct.error) as error:
+    except (ValueError, IndexError, struct.error) as error:
         name = f"its profile {icc_name(found.tags.icc)!r}" if found.tags.icc else "its colours"
         note = f"{path} - {name} cannot be used (got {error}), it is read as sRGB - convert it to sRGB before"
         return replace(found, notes=(*found.notes, note))

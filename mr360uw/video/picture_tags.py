@@ -87,7 +87,7 @@ class PictureTags:
         Pitch is + where the centre looks up, roll where the right side is down.
         """
         heading, pitch, roll = (
-            _number(self.pano.get(f"Pose{name}Degrees", "")) for name in ("Heading", "Pitch", "Roll")
+            number_of(self.pano.get(f"Pose{name}Degrees", "")) for name in ("Heading", "Pitch", "Roll")
         )
         return heading, pitch, roll
 
@@ -128,7 +128,8 @@ def _extended_xmp(own: Sequence[tuple[int | bytes, bytes]]) -> bytes:
     return b"".join(part[4:] for part in sorted(parts, key=lambda part: part[:4]))
 
 
-def _number(text: str) -> float:
+def number_of(text: str) -> float:
+    """Return the number that a text of metadata is, 0 where it is none or not finite."""
     try:
         found = float(text)
     except ValueError:

@@ -22,6 +22,7 @@ import numpy as np
 
 from mr360uw.base.parameters import checked
 from mr360uw.errors import VideoError
+from mr360uw.video.picture_tags import number_of
 
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 Stereo = Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left", "custom"]
@@ -97,10 +98,7 @@ def _from_xml(data: bytes) -> SphericalMetadata:
     said = {element.tag.rpartition("}")[2]: (element.text or "").strip() for element in root.iter()}
 
     def number(name: str) -> float:
-        try:
-            return float(said.get(name, "") or 0.0)
-        except ValueError:
-            return 0.0
+        return number_of(said.get(name, ""))
 
     stereo = said.get("StereoMode", "mono")
     full_width, full_height = number("FullPanoWidthPixels"), number("FullPanoHeightPixels")

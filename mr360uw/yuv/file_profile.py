@@ -198,7 +198,10 @@ def _curve(tag: bytes) -> ToneCurve:
     if tag.startswith(b"curv"):
         (count,) = struct.unpack_from(">I", tag, 8)
         if count < 2:
-            return ToneCurve(struct.unpack_from(">H", tag, 12)[0] / 256.0 if count else 1.0)
+            (gamma,) = struct.unpack_from(">H", tag, 12) if count else (256,)
+            if gamma == 0:
+                raise ValueError("a broken profile")
+            return ToneCurve(gamma / 256.0)
         table = np.frombuffer(tag, ">u2", count, 12) if len(tag) >= 12 + 2 * count else np.zeros(0)
         if not len(table) or table[0] == table[-1]:
             raise ValueError("a broken profile")

@@ -24,6 +24,7 @@ from mr360uw.preview.pages import save_still
 from mr360uw.scene.model import PlateSettings
 from mr360uw.scene.resolved import pose_of_plate
 from mr360uw.video import VideoFrame, read_exr, read_picture, write_exr
+from mr360uw.video.picture_tags import with_tags, xmp
 from mr360uw.video.writer import write_picture
 from mr360uw.yuv.file_profile import REC709_XY
 from tests.video import tolerances as tol
@@ -597,3 +598,23 @@ def test_stills_of_kinds_that_are_only_read_are_refused(name: str, tmp_path: Pat
     cv2.imwrite(str(tmp_path / "plate.png"), np.zeros((32, 64, 3), np.uint8))
     with pytest.raises(ParameterError, match="no name of a picture that is written"):
         save_still(tmp_path / name, uw.Scene(plate=tmp_path / "plate.png"))
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [(b"cICP", b""), (b"cICP", b"\1"), profiled(icc(ADOBE, gamma(0.0))), (b"gAMA", b"\0"), (b"cHRM", bytes(32))],
+)
+def test_colours_that_are_broken_are_left_out_and_said(broken: tuple[bytes, bytes], tmp_path: Path) -> None:
+    codes = np.full((32, 64, 3), 90, np.uint8)
+    (tmp_path / "plate.png").write_bytes(png(codes, broken))
+    with uw.open_video(tmp_path / "plate.png") as video:
+        np.testing.assert_array_equal(next(video.frames()).rgb, codes)
+        assert any("cannot be used" in note for note in video.notes)
+
+
+@pytest.mark.parametrize("wide", ["nan", "inf", "1e400"])
+def test_a_place_in_a_panorama_that_is_no_number_counts_as_none(wide: str, tmp_path: Path) -> None:
+    mark = xmp(64, 32).replace(b'FullPanoWidthPixels="64"', f'FullPanoWidthPixels="{wide}"'.encode())
+    (tmp_path / "plate.png").write_bytes(with_tags(png(np.full((32, 64, 3), 90, np.uint8)), ".png", b"", b"", mark))
+    with uw.open_video(tmp_path / "plate.png") as video:
+        assert next(video.frames()).shape == (32, 64)

@@ -140,6 +140,13 @@ def test_broken_xml_and_entities_are_not_followed(tmp_path) -> None:
         assert any("V1 holds" in problem for problem in metadata.problems)
 
 
+@pytest.mark.parametrize("heading", ["nan", "inf", "1e400", "north"])
+def test_a_first_view_that_is_no_number_is_left_out(tmp_path, heading) -> None:
+    plate = mark_v1(write_clip(tmp_path / "plate.mp4", 2), first_view=(heading, 5))
+    transcode(plate, tmp_path / "out.mp4")
+    assert read_spherical(tmp_path / "out.mp4").view_deg == (0.0, 5.0, 0.0)
+
+
 def test_fragmented_files_are_refused(tmp_path) -> None:
     path = write_clip(tmp_path / "in.mp4", 12, container_options={"movflags": "frag_keyframe+empty_moov"})
     before = path.read_bytes()
