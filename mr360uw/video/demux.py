@@ -112,7 +112,7 @@ def open_container(path: Path, track: int | None = None, card: str = "") -> Iter
             raise VideoError(f"{path} - the file is cut short ({short}) - {_COPY_AGAIN}")
         if not streams:
             kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
-            raise VideoError(f"{path} - has no video stream (got {kinds}) - name a video file")
+            raise VideoError(f"{path} - has no video stream that can be decoded (got {kinds}) - name a video file")
         shown = (s for s in streams if s.disposition & av.stream.Disposition.default)
         stream = next(shown, streams[0]) if track is None else streams[track]
         PICTURE.check(str(path), stream.width * stream.height, VideoError)
@@ -127,7 +127,9 @@ def track_sizes(path: Path) -> list[tuple[int, int]]:
 
 
 def _video_streams(container: Any) -> list[Any]:
-    return [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
+    """Return the video streams that can be decoded, without pictures of an album's kind."""
+    decoded = (s for s in container.streams.video if s.codec_context is not None)
+    return [s for s in decoded if not s.disposition & av.stream.Disposition.attached_pic]
 
 
 _PICTURES = {

@@ -9,7 +9,7 @@ file: the technical introduction and the file layout of openexr.com.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
@@ -247,7 +247,8 @@ def read_frame(path: Path, wanted: Wanted = "colour") -> ExrFrame:
         planes = [np.asarray(one, np.float32) for one in channels]
         joined = planes[0] if planes[0].ndim == 3 else np.stack(planes, axis=-1)
         array = _in_frame(joined if joined.shape[-1] > 2 else np.repeat(joined[..., :1], 3, axis=-1), part)
-        xy = tuple(map(float, header.get("chromaticities", XY_BY_NAME.get(_named_colours(header), ()))))
+        stated = header.get("chromaticities", XY_BY_NAME.get(_named_colours(header), ()))
+        xy = tuple(map(float, stated)) if isinstance(stated, Iterable) else ()  # else of a type that is not known
         kept = {name: value for name, value in header.items() if _is_carried(name, value)}
         others = [name for name in _names(file.parts) if name != taken]
         # A closed file has no header any more

@@ -43,8 +43,8 @@ def check_sound(source: Path, target: Path) -> None:
     if _holds_sound(source, target.suffix.lower()):
         return
     with open_packets(source) as container:
-        contexts = [stream.codec_context for stream in container.streams.audio]
-        kinds = sorted({f"{context.codec.canonical_name}, {context.layout.name}" for context in contexts})
+        known = [s.codec_context for s in container.streams.audio if s.codec_context is not None]
+        kinds = sorted({f"{context.codec.canonical_name}, {context.layout.name}" for context in known}) or ["unknown"]
     others = [suffix for suffix in _ADVISED if _holds_sound(source, suffix)]
     better = f"write {' or '.join(others)}, or set output.sound = false" if others else "set output.sound = false"
     raise VideoError(

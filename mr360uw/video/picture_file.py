@@ -174,6 +174,10 @@ def _plain(path: Path, data: bytes, wanted: Wanted, *, notes: bool) -> PictureFi
     return found if unstated or wanted != "colour" else _coloured(path, found)
 
 
+_BY_PILLOW = (OSError, SyntaxError, ValueError, IndexError, RuntimeError, struct.error)
+"""What Pillow raises at files that are cut or damaged, beside its own error for large ones."""
+
+
 def _size_by_pillow(data: bytes) -> tuple[int, int] | None:
     """Return the size of a TGA, JP2 or AVIF file, None where it is none of these."""
     from PIL import Image
@@ -181,7 +185,7 @@ def _size_by_pillow(data: bytes) -> tuple[int, int] | None:
     try:
         with quietly(), Image.open(io.BytesIO(data), formats=("TGA", "JPEG2000", "AVIF")) as picture:
             return picture.size
-    except (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError):
+    except (*_BY_PILLOW, Image.DecompressionBombError):
         return None
 
 
@@ -248,7 +252,7 @@ def _decoded_by_pillow(path: Path, data: bytes) -> NDArray[Any]:
     try:
         with quietly(), Image.open(io.BytesIO(data), formats=("TGA", "TIFF")) as picture:
             rgba = np.asarray(picture.convert("RGBA" if "A" in picture.mode else "RGB"))
-    except (OSError, SyntaxError, ValueError, IndexError, struct.error, Image.DecompressionBombError) as error:
+    except (*_BY_PILLOW, Image.DecompressionBombError) as error:
         raise _unusable(path) from error
     return np.concatenate([rgba[..., 2::-1], rgba[..., 3:]], axis=-1)
 

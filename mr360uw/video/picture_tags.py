@@ -354,13 +354,13 @@ def tiff_form(data: bytes) -> TiffForm:
         first = {
             tag: value[0] if isinstance(value, tuple) else value for tag, value in directory.items() if value != ()
         }
+        samples = int(first.get(277, 1))
+        return TiffForm(
+            int(first.get(262, 2)), int(first.get(258, 1)), samples, int(first.get(339, 1)), int(first.get(259, 1)),
+            samples > 1 and first.get(284) == 2, bool(directory.next) or 330 in first,
+        )  # fmt: skip
     except _BROKEN:
         return TiffForm()
-    samples = int(first.get(277, 1))
-    return TiffForm(
-        int(first.get(262, 2)), int(first.get(258, 1)), samples, int(first.get(339, 1)), int(first.get(259, 1)),
-        samples > 1 and first.get(284) == 2, bool(directory.next) or 330 in first,
-    )  # fmt: skip
 
 
 def jpeg_bits(data: bytes) -> int:

@@ -15,7 +15,7 @@ import pytest
 
 from mr360uw.base.input_files import picture_size
 from mr360uw.errors import VideoError
-from mr360uw.video import read_picture, write_exr
+from mr360uw.video import open_video, read_picture, write_exr
 from tests.hostile.bench import Bench
 from tests.video.clips import write_clip
 
@@ -243,3 +243,22 @@ def test_a_video_of_too_many_pixels_is_refused_before_it_is_decoded(
 def test_a_still_where_there_is_no_folder(tmp_path: Path) -> None:
     with pytest.raises(VideoError, match="no such file"):
         read_picture(tmp_path / "none" / "plate.png")
+
+
+def test_heads_that_state_what_nobody_knows(tmp_path: Path, bench: Bench) -> None:
+    tiff = bytearray(bench.material.files["plate.tif"])
+    tiff_at = tiff.index(struct.pack("<HH", 262, 3))
+    struct.pack_into("<HHI4s", tiff, tiff_at, 262, 2, 2, b"A\0\0\0")
+    (tmp_path / "a.tif").write_bytes(tiff)
+    with pytest.raises(VideoError, match="not a picture that can be read"):
+        read_picture(tmp_path / "a.tif")
+
+    write_exr(tmp_path / "a.exr", np.full((4, 8, 3), 0.5, np.float32))
+    exr = (tmp_path / "a.exr").read_bytes()
+    (tmp_path / "a.exr").write_bytes(exr.replace(b"chromaticities\0chromaticities\0", b"chromaticities\0chromaticitiez\0"))
+    assert read_picture(tmp_path / "a.exr").shape == (4, 8, 3)
+
+    film = write_clip(tmp_path / "a.mp4", frames=2)
+    film.write_bytes(film.read_bytes().replace(b"avc1", b"zzzz"))
+    with pytest.raises(VideoError, match="no video stream that can be decoded"):
+        open_video(film)
