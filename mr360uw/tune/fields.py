@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -26,68 +28,12 @@ from mr360uw.tune.views import round_length
 Kind = Literal["number", "integer", "choice", "switch", "vector", "colour", "path", "text", "toml"]
 """toml: lists, tables, and values of several types, written as in a scene file."""
 
-FIRST = {
-    "camera.depth_m": "Camera depth",
-    "water.type": "Water type",
-    "water.visibility_m": "Visibility",
-    "light.sun": "Source of the sun",
-    "light.sun_azimuth_deg": "Sun azimuth",
-    "light.sun_elevation_deg": "Sun elevation",
-    "sea.wind_speed": "Wind speed",
-    "caustics.enabled": "Caustics",
-    "caustics.sun_half_angle_rad": "Caustic softness",
-    "receiver.height_m": "Sea floor height",
-    "object.position_m": "Object position",
-    "object.azimuth_deg": "Object azimuth",
-    "object.elevation_deg": "Object elevation",
-    "object.distance_m": "Object distance",
-    "object.face": "Object faces",
-    "object.rotation_deg": "Object rotation",
-    "object.size_m": "Object size",
-    "object.scale": "Object scale",
-    "light.exposure": "Exposure of all objects",
-    "object.exposure": "Object exposure",
-    "object.tint": "Object tint",
-}
+WORDS: dict[str, Any] = tomllib.loads((resources.files("mr360uw.tune") / "words.toml").read_text("utf-8"))
+"""Labels, titles, everyday words, ranges of sliders and presets."""
+FIRST: dict[str, str] = WORDS["first"]
 """The controls that decide most of the look, with their labels; keys without the number of a list's entry."""
 
-_TITLES = {
-    "plate": "Plate", "camera": "Camera", "water": "Water", "object": "Objects", "lamp": "Lamps", "output": "Output",
-    "receiver": "Sea floor", "holdout": "Mattes", "light": "Light of the plate", "sea": "Sea surface", "keys": "Keys",
-    "caustics": "Caustics", "shafts": "Light in the water", "snow": "Marine snow", "match": "Look", "draw": "Drawing",
-}  # fmt: skip
-_EVERYDAY = {
-    "exposure": "brighter darker brightness light dark",
-    "tint": "colour color hue",
-    "water": "haze fog murky clear blue green",
-    "visibility_m": "how far",
-    "shade": "contrast cave",
-    "receiver": "sand bottom ground seabed",
-    "sea": "waves ripples",
-    "caustics": "light pattern ripples dancing",
-    "shafts": "god rays beams sunbeams",
-    "snow": "particles dust backscatter",
-    "match": "grade colour",
-    "light": "bright",
-    "holdout": "mask in front behind",
-    "grain": "noise",
-    "motion_samples": "motion blur",
-    "softness": "blur sharp",
-    "size_m": "bigger smaller larger",
-    "scale": "bigger smaller larger",
-    "distance_m": "nearer farther closer",
-    "rotation_deg": "turn",
-    "face": "turn look",
-    "attach": "float follow",
-}
-"""Everyday words by which tables and parameters are found too, by the last part of a key."""
 _UNIT_SUFFIXES = ("_mg_m3", "_cd_m2", "_deg", "_rad", "_m", "_s", "_px", "_k")
-_SPANS = {
-    "position_m": (-15.0, 15.0), "height_m": (-20.0, 5.0), "speed": (-4.0, 4.0), "start_s": (0.0, 60.0),
-    "color": (0.0, 1.0), "base_color": (0.0, 1.0), "scale": (0.01, 100.0), "frame_rate": (1.0, 120.0),
-    "tile_m": (1.0, 100.0), "depth_m": (0.5, 50.0), "wind_speed": (0.0, 15.0), "sun_half_angle_rad": (0.0005, 0.2),
-}  # fmt: skip
-"""Ranges of sliders where the allowed range is none or far wider than what dives need. By the last part of a key."""
 _BY_UNIT = {"deg": (-180.0, 180.0), "m": (-20.0, 20.0), "s": (0.0, 60.0), "rad": (-math.pi, math.pi)}
 _DECADES = 2.0
 """Ratio of a range's ends, as a power of ten, from which on a slider is logarithmic."""
@@ -164,7 +110,7 @@ def groups() -> tuple[Group, ...]:
             own = [(n, f.alias or n, f) for n, f in model.model_fields.items() if not stated(f, "internal")]
             kinds[kind] = tuple(_field(key, word, f, tags if n == tag else (), changes) for n, word, f in own)
         optional, repeated = field.default is None, isinstance(field.default, tuple)
-        title = _TITLES.get(key, _label(key))
+        title = WORDS["titles"].get(key, _label(key))
         found.append(Group(key, title, field.description or "", repeated, optional, tag, kinds))
     return tuple(found)
 
@@ -190,7 +136,7 @@ def _field(table: str, key: str, field: FieldInfo, tags: tuple[str, ...], change
         key, FIRST.get(path, _label(key)), kind, field.description or "", "" if unit == "1" else unit, default,
         bounds_text(field), low, high, span, logarithmic, optional, field.is_required(), choices,
         len(get_args(options[0])) if kind in ("vector", "colour") else 0, changes,
-        " ".join(_EVERYDAY.get(part, "") for part in path.split(".")),
+        " ".join(WORDS["everyday"].get(part, "") for part in path.split(".")),
     )  # fmt: skip
 
 
@@ -232,8 +178,8 @@ def _span(
 ) -> tuple[tuple[float, float], bool]:
     """Return the range of a slider, and whether it is logarithmic."""
     middle = float(default) if isinstance(default, int | float) and default > 0 else 1.0
-    if key in _SPANS:
-        start, end = _SPANS[key]
+    if key in WORDS["spans"]:
+        start, end = WORDS["spans"][key]
         start, end = start if low is None else max(start, low), end if high is None else min(end, high)
     elif low is not None and high is not None:
         start, end = low, high

@@ -100,21 +100,8 @@ class TunePage:
 # The page's header: file, unsaved mark, undo, redo, save, presets, snapshots, dark or light.
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    "tropical noon": {
-        "water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 4.0, "caustics.enabled": True,
-        "caustics.sun_half_angle_rad": 0.00465,
-    },
-    "tropical, evening": {
-        "water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": True,
-        "caustics.sun_half_angle_rad": 0.02,
-    },
-    "temperate overcast": {
-        "water.type": "1C", "water.visibility_m": None, "sea.wind_speed": 7.0, "caustics.enabled": False,
-    },
-    "harbour": {
-        "water.type": "harbour", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": False,
-    },
-}  # fmt: skip
+    name: {"water.visibility_m": None, **values} for name, values in fields.WORDS["presets"].items()
+}
 """Values of dotted keys, by the preset's name; None: as it is by default."""
 
 
