@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.files import WrittenFiles, check_folder, files_named
+from mr360uw.base.files import check_folder, files_named
 from mr360uw.base.input_files import content_of
 from mr360uw.base.parameters import checked
 from mr360uw.base.progress import Progress, Steps, one_blas_thread
@@ -148,10 +148,7 @@ def depth_of_clip(
         width = map_width(width, clip, "1024, or 512 for a draft")
         inputs = _inputs(Path(video), path, width, eye)
         count = len(path.shot)
-        with (
-            own_maps(folder, inputs, count, overwrite=overwrite) as maps,
-            MapRun(folder, maps, count, progress) as run,
-        ):
+        with MapRun(folder, inputs, count, overwrite=overwrite, progress=progress) as run:
             _written(clip, path, run, width)
             return run.report(int(np.count_nonzero(path.shot < 0)))
 
@@ -166,11 +163,11 @@ def map_width(width: int, clip: VideoReader, usual: str) -> int:
     return width
 
 
-def _tracks(
-    video: str | Path,
-    track: CameraTrack | str | Path | Sequence[CameraTrack | str | Path] | None,
-    eye: Literal["left", "right"] | None,
-) -> list[CameraTrack | str | Path]:
+_Track = CameraTrack | str | Path
+_Eye = Literal["left", "right"]
+
+
+def _tracks(video: str | Path, track: _Track | Sequence[_Track] | None, eye: _Eye | None) -> list[_Track]:
     """Return the tracks of a clip's shots; solve them where none is given."""
     if isinstance(track, str | Path):
         shots_of = sorted(Path(track).parent.glob(f"{Path(track).stem}.shot*{Path(track).suffix}"))
@@ -188,7 +185,7 @@ def _tracks(
     return list(found)
 
 
-def _motion(track: CameraTrack | str | Path) -> Motion:
+def _motion(track: _Track) -> Motion:
     """Return a track as keyed motion."""
     if isinstance(track, CameraTrack):
         ones = np.ones(len(track.time_s))
@@ -197,10 +194,7 @@ def _motion(track: CameraTrack | str | Path) -> Motion:
 
 
 def poses_of(
-    video: str | Path,
-    clip: VideoReader,
-    track: CameraTrack | str | Path | Sequence[CameraTrack | str | Path] | None,
-    eye: Literal["left", "right"] | None,
+    video: str | Path, clip: VideoReader, track: _Track | Sequence[_Track] | None, eye: _Eye | None
 ) -> ClipPath:
     """Return the poses of all frames of a clip; raise `ParameterError` where no motion tells distances."""
     motions = [_motion(one) for one in _tracks(video, track, eye)]
@@ -209,8 +203,7 @@ def poses_of(
     rate = float(clip.frame_rate)
     times = np.arange(count) / rate
     position, rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)
-    shot = np.full(count, -1, np.int64)
-    moves, turns = False, False
+    shot, turns = np.full(count, -1, np.int64), False
     # Take the poses of each track whose camera moves
     for number, motion in enumerate(motions):
         inside = (times > motion.time_s[0] - 0.6 / rate) & (times < motion.time_s[-1] + 0.6 / rate)
@@ -221,10 +214,10 @@ def poses_of(
             cosine = np.clip(0.5 * (np.trace(poses[0, :3, :3].T @ poses[:, :3, :3], axis1=1, axis2=2) - 1.0), -1, 1)
             turns |= bool(np.arccos(cosine).max() > _LEAST_TURN)
             continue
-        moves = True
         position[inside], rotation[inside], shot[inside] = poses[:, :3, 3], poses[:, :3, :3], number
     # Say why no motion tells distances
-    if not moves and not turns and np.all(shot < 0) and not any(len(m.time_s) > 1 for m in motions):
+    moves = np.any(shot >= 0)
+    if not moves and not turns and not any(len(m.time_s) > 1 for m in motions):
         raise ParameterError(
             f"{video} - has no track of its frames (got {len(motions)} tracks that hold none) - run mr360uw track on it"
         )
@@ -252,37 +245,47 @@ def _written(clip: VideoReader, path: ClipPath, run: MapRun, width: int) -> None
             sweeps[index] = run.pool.submit(sweep, reference, neighbours)
             continue
         near = [sweeps[key] for key in keys or ()]
-        run.add(_make, run.folder, run.maps, index, reference, neighbours, near, width)
+        run.add(_make, run, index, reference, neighbours, near, width)
         # Forget sweeps that no later frame needs
         for old in [key for key in sweeps if key < min(keys or (), default=0)]:
             del sweeps[old]
 
 
 class MapRun(ExitStack):
-    """Makes the maps of a folder that are missing side by side, as many as there are cores. count: of the clip."""
+    """Makes the maps of a folder that are missing side by side, as many as there are cores.
 
-    def __init__(self, folder: Path, maps: WrittenFiles, count: int, progress: Progress | None) -> None:
+    inputs, overwrite: see `own_maps`. count: of the clip's frames. missing: numbers of those without a map.
+    """
+
+    def __init__(
+        self, folder: Path, inputs: dict[str, Any], count: int, *, overwrite: bool, progress: Progress | None
+    ) -> None:
         super().__init__()
-        self.folder, self.maps, self._count = folder, maps, count
-        self.missing = [index for index in range(count) if not maps.has(depth_file(folder, index))]
-        self._steps = Steps(progress, count)
-        self._steps.done(count - len(self.missing))
+        self._folder, self._count, self._steps = folder, count, Steps(progress, count)
         self._threads = os.cpu_count() or 1
         self._running: deque[Future[float]] = deque()
         self._covered: list[float] = []
+        self._maps = self.enter_context(own_maps(folder, inputs, count, overwrite=overwrite))
         self.enter_context(one_blas_thread())
         self.pool = self.enter_context(ThreadPoolExecutor(self._threads))
+        self.missing = [index for index in range(count) if not self._maps.has(depth_file(folder, index))]
+        self._steps.done(count - len(self.missing))
 
     def add(self, make: Callable[..., float], *arguments: Any) -> None:
         """Begin a map by a function that returns its coverage; wait for the first where all cores are busy."""
         self._running.append(self.pool.submit(make, *arguments))
         self._take(self._threads)
 
+    def write(self, index: int, *maps: DepthMap) -> float:
+        """Write the map of a frame, or those of its left and right eye; return their coverage."""
+        write_depth(depth_file(self._folder, index), *maps, file=self._maps.file)
+        return float(np.mean([one.confidence >= SURE for one in maps]))
+
     def report(self, without: int = 0) -> DepthReport:
         """Wait for all maps and return what was done. without: frames that have no pose."""
         self._take(0)
         coverage = float(np.mean(self._covered)) if self._covered else float("nan")
-        return DepthReport(self.folder, len(self.missing), self._count - len(self.missing), without, coverage)
+        return DepthReport(self._folder, len(self.missing), self._count - len(self.missing), without, coverage)
 
     def _take(self, most: int) -> None:
         while len(self._running) > most:
@@ -291,22 +294,16 @@ class MapRun(ExitStack):
 
 
 def _make(
-    folder: Path,
-    maps: WrittenFiles,
-    index: int,
-    reference: Panorama | None,
-    neighbours: list[Panorama],
-    sweeps: list[Future[Sweep]],
+    run: MapRun, index: int, reference: Panorama | None, neighbours: list[Panorama], sweeps: list[Future[Sweep]],
     width: int,
-) -> float:
+) -> float:  # fmt: skip
     """Write the map of a frame, one without distances where it has no pose; return its coverage."""
     if reference is None or not neighbours:
         shape = width // 2, width
         found = DepthMap(np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32))
     else:
         found = refined(reference, neighbours, [one.result() for one in sweeps])
-    write_depth(depth_file(folder, index), found, file=maps.file)
-    return float(np.mean(found.confidence >= SURE))
+    return run.write(index, found)
 
 
 _Keys = tuple[int, ...] | None

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.files import WrittenFiles, check_folder, files_named
+from mr360uw.base.files import check_folder, files_named
 from mr360uw.base.input_files import content_of
 from mr360uw.base.parameters import checked
 from mr360uw.base.progress import Progress
 from mr360uw.depth.clip_depth import DepthReport, MapRun, map_width
-from mr360uw.depth.depth_files import depth_file, own_maps, write_depth
 from mr360uw.depth.sphere_stereo import SURE, DepthMap, enlarged_map, smoothed
 from mr360uw.depth.warping import Map, resized, window_mean
 from mr360uw.errors import ParameterError
@@ -98,24 +97,19 @@ def depth_of_eyes(
         # Continue maps of the same inputs; make the missing ones
         inputs = {"method": _METHOD, "clip": content_of(files_named(Path(video))), "width": width}
         inputs |= {"eyes_apart_m": eyes_apart_m, "layout": layout}
-        with (
-            own_maps(folder, inputs, count, overwrite=overwrite) as maps,
-            MapRun(folder, maps, count, progress) as run,
-        ):
+        with MapRun(folder, inputs, count, overwrite=overwrite, progress=progress) as run:
             missing = frozenset(run.missing)
             for frame in clip.frames(min(missing), max(missing) + 1) if missing else ():
                 if frame.index in missing:
-                    run.add(_make, folder, maps, frame, width, eyes_apart_m)
+                    run.add(_make, run, frame, width, eyes_apart_m)
             return run.report()
 
 
-def _make(folder: Path, maps: WrittenFiles, frame: VideoFrame, width: int, apart_m: float) -> float:
+def _make(run: MapRun, frame: VideoFrame, width: int, apart_m: float) -> float:
     """Write the maps of a frame's eyes; return the coverage of both."""
     assert frame.right is not None
     eyes = [resized(luma_codes(eye), width) for eye in (frame, frame.right)]
-    left, right = eye_distances(eyes[0], eyes[1], apart_m)
-    write_depth(depth_file(folder, frame.index), left, right, file=maps.file)
-    return float(np.mean([one.confidence >= SURE for one in (left, right)]))
+    return run.write(frame.index, *eye_distances(eyes[0], eyes[1], apart_m))
 
 
 # Distances of both eyes of a stereo panorama, from its disparity alone.
@@ -196,12 +190,11 @@ def eye_distances(left: Map, right: Map, eyes_apart_m: float = EYES_APART_M) -> 
     >>> bool(1.5 < np.median(found.distance_m) < 2.5)
     True
     """
-    left, right = np.asarray(left), np.asarray(right)
+    left, right = (np.asarray(one, np.float32) for one in (left, right))
     if left.shape != right.shape or left.ndim != 2 or not left.size or left.shape[1] != 2 * left.shape[0]:
         raise ParameterError(
             f"left, right - must be twice as wide as high, and alike (got {left.shape}, {right.shape}) - resize them"
         )
-    left, right = (np.asarray(one, np.float32) for one in (left, right))
     half = 0.5 * eyes_apart_m
     (a, alike_a), (b, alike_b) = _disparity(left, right, 1.0), _disparity(right, left, -1.0)
     pixel = 2.0 * np.pi / left.shape[1]

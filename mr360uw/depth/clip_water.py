@@ -291,8 +291,6 @@ def _open_water(frames: Sequence[LitFrame]) -> tuple[Array, Array]:
         ups.append(up[free])
         lights.append(frame.image[free].astype(np.float64))
     up, light = np.concatenate(ups), np.concatenate(lights)
-    if not len(up):
-        return np.zeros(0), np.zeros((0, 3))
     # Take the least red of each band of elevation, as what is nearer has more red
     red = light[:, 0] / np.maximum(light.sum(axis=1), 1e-9)
     number = np.digitize(up, edges) - 1

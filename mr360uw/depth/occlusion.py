@@ -51,11 +51,6 @@ class PlateDepth(DepthClip):
         super().__init__(path, kind, scale_m, size)
         self._right, self._one_thread = right, threading.RLock()
 
-    def check_all(self, stop: int, count: int | None) -> None:
-        """Raise `VideoError` with all that `DepthClip.check_all` finds. count: frames of the plate."""
-        with self._one_thread:
-            super().check_all(stop, count)
-
     def surfaces(self, index: int, plate: VideoFrame, eye: int = 0) -> PlateSurfaces:
         """Return the sure surfaces of a frame, the same object for the same picture and map. eye: 1: the right one."""
         with self._one_thread:
