@@ -23,7 +23,7 @@ from mr360uw.base.progress import Progress
 from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
-from mr360uw.first_look.observations import MeshLook, PlateLook, look_at_mesh, look_at_plate
+from mr360uw.first_look.observations import PlateLook, look_at_mesh, look_at_plate
 from mr360uw.first_look.place_in_plate import AUTO_TRACK, ShownDistance, Wish, nearer, nearest_m
 from mr360uw.first_look.proposal import (
     Proposal,
@@ -204,7 +204,7 @@ def make_first_scene(
         floor = floor if below_m is None else (below_m, "by the distances of the plate")
 
     def text_of(chosen: Proposal) -> str:
-        return scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
+        return scene_lines(chosen, path.parent, outside_files=outside_files)
 
     def scene_of(chosen: Proposal) -> Scene:
         return scene_from_dict(tomllib.loads(text_of(chosen)), path.parent)
@@ -212,7 +212,7 @@ def make_first_scene(
     # Propose a scene, try it out, and draw its preview
     width, radiance = min(_DRAWN_COLUMNS, plate.size[0]), plate.path.suffix.lower() in _RADIANCE
     with LivePreview(backend) as live:
-        chosen = _tried_out(propose(plate, seen, wish, floor, shown_m), seen, wish, scene_of, live)
+        chosen = _tried_out(propose(plate, seen, wish, floor, shown_m), scene_of, live)
         scene = scene_of(chosen)
         loaded = live.loaded(coarse(scene), width)
         sun, to_uncomment = _sun(loaded, live)
@@ -222,8 +222,8 @@ def make_first_scene(
         file.write_text(text_of(chosen) + to_uncomment, "utf-8")
     suffix = (".exr" if radiance else ".png") if plate.still else ".mp4"
     lines = [
-        summary_line(chosen, seen, sun, in_doubt=bool(to_uncomment)),
-        *found_lines(plate, seen, chosen, sun),
+        summary_line(chosen, sun, in_doubt=bool(to_uncomment)),
+        *found_lines(chosen, sun),
         *brightness_lines(chosen),
         *(f"note      {note}" for note in (*_of_file(scene, path), *plate.notes, *loaded.notes)),
     ]
@@ -237,20 +237,18 @@ def make_first_scene(
     return path, lines, commands
 
 
-def _tried_out(
-    chosen: Proposal, mesh: MeshLook, wish: Wish, scene_of: Callable[[Proposal], Scene], live: LivePreview
-) -> Proposal:
+def _tried_out(chosen: Proposal, scene_of: Callable[[Proposal], Scene], live: LivePreview) -> Proposal:
     """Return a proposal with the exposure that its ground tells, and nearer where the water hides its body.
 
     scene_of: makes the scene of a proposal.
     """
     chosen = corrected(chosen, _grey_card_stops(live, coarse(scene_of(chosen))))
-    place = chosen.place
+    place, mesh = chosen.place, chosen.mesh
     if chosen.water is None or place.stands or place.on_shown:
         return chosen
     nearest, least = nearest_m(mesh, place.size_m), _GHOST_CODES[mesh.large]
     while place.distance_m > 1.01 * nearest and _contrast_codes(live, coarse(scene_of(chosen))) < least:
-        place = nearer(place, max(_NEARER * place.distance_m, nearest), mesh, wish)
+        place = nearer(place, max(_NEARER * place.distance_m, nearest), mesh, chosen.wish)
         chosen = replace(chosen, place=place)
     return chosen
 

@@ -64,23 +64,25 @@ class WaterGuess:
     color: tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """A scene as it is proposed. water: None in air. floor_by: what told the floor's height, or "".
-
-    lamp: whether a lamp goes with the camera. track, depth: files that were given for it, or made. both: whether both
-    eyes of a stereo plate are worked on. exposure: stops by which the object is to be brighter, as the ground tells.
+    """A scene as it is proposed for a plate and a mesh. water: None in air. floor_by: what told the floor's height, or
+    "". exposure: stops by which the object is to be brighter, as the ground tells.
     """
 
+    plate: PlateLook
+    mesh: MeshLook
+    wish: Wish
     place: Place
     water: WaterGuess | None
     depth_m: float
     floor_by: str
-    lamp: bool
-    track: Path | None
-    depth: Path | None
-    both: bool
     exposure: float = 0.0
+
+    @property
+    def both(self) -> bool:
+        """Whether both eyes of a stereo plate are worked on."""
+        return self.plate.eye is not None and self.wish.eye is None
 
 
 def propose(
@@ -107,8 +109,7 @@ def propose(
     place = place_of(plate, mesh, wish, sight, drop, shown_m)
     least = _CLEAR_M if plate.medium.half else _DEPTH_M
     depth = max(least, math.ceil(10.0 * (place.top_m + _CLEAR_M)) / 10.0) if wet else CameraSettings().depth_m
-    both = plate.eye is not None and wish.eye is None
-    return Proposal(place, water, float(depth), floor_by, plate.dark, wish.track, wish.depth, both)
+    return Proposal(plate, mesh, wish, place, water, float(depth), floor_by)
 
 
 def _ground_below(plate: PlateLook, wish: Wish) -> tuple[float | None, str]:
@@ -296,12 +297,12 @@ _WIDTH = 34
 """Column at which comments of a scene start."""
 
 
-def summary_line(chosen: Proposal, mesh: MeshLook, sun: str, *, in_doubt: bool) -> str:
+def summary_line(chosen: Proposal, sun: str, *, in_doubt: bool) -> str:
     """Return what was made of a plate and a mesh in one sentence: what is where, in which light.
 
     sun: that of the plate, in words. in_doubt: whether it may be none, and the scene ends in lines that make it one.
     """
-    place = chosen.place
+    place, mesh = chosen.place, chosen.mesh
     what = mesh.kind.word if mesh.kind else mesh.path.stem
     off = "in the water" if chosen.water else "in the air"
     how = "standing on the ground" if place.stands or place.on_shown else off
@@ -310,9 +311,10 @@ def summary_line(chosen: Proposal, mesh: MeshLook, sun: str, *, in_doubt: bool) 
     return f"{what}, {place.size_m:g} m long, {how} {_side(place.azimuth_deg)}, {place.distance_m:g} m away; {sun}"
 
 
-def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) -> list[str]:
+def found_lines(chosen: Proposal, sun: str) -> list[str]:
     """Return a line for each thing found in the files or guessed. sun: that of the plate, in words."""
     # Say what the plate is, and how it is read
+    plate, mesh = chosen.plate, chosen.mesh
     width, height = plate.size
     kind = "a still" if plate.still else "a clip"
     lines = [f"plate     {plate.path.name}: {kind}, {width}x{height}"]
@@ -339,13 +341,13 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
         lines.append(
             f"level     tilted, by {plate.tilt_by}: roll {plate.roll_deg:.0f}, pitch {plate.pitch_deg:.0f} degrees"
         )
-    if chosen.track is not None:
-        lines.append(f"camera    stands or moves as {chosen.track} says")
+    if chosen.wish.track is not None:
+        lines.append(f"camera    stands or moves as {chosen.wish.track} says")
     elif not plate.still:
         lines.append("camera    taken as at rest: one look does not tell; if it swims, --track auto solves its path")
     if chosen.water is not None:
         lines += _water_lines(chosen)
-    lines += [_floor_line(chosen), *_depth_lines(plate, chosen)]
+    lines += [_floor_line(chosen), *_depth_lines(chosen)]
     # Say what the mesh is, and where it goes
     named = f"a {mesh.kind.word} by its name" if mesh.kind else "unknown by its name"
     lines.append(
@@ -378,11 +380,12 @@ def _floor_line(chosen: Proposal) -> str:
     return f"floor     (receiver) {place.drop_m:.3g} m below the camera, {how}"
 
 
-def _depth_lines(plate: PlateLook, chosen: Proposal) -> list[str]:
+def _depth_lines(chosen: Proposal) -> list[str]:
     """Return what could tell how far away everything is, where that is not given."""
-    if chosen.depth is not None or (chosen.track is None and plate.eye is None):
+    plate, wish = chosen.plate, chosen.wish
+    if wish.depth is not None or (wish.track is None and plate.eye is None):
         return []
-    how = f"--track {chosen.track}" if plate.eye is None else "--eye both"
+    how = f"--track {wish.track}" if plate.eye is None else "--eye both"
     frame_s = DEPTH_FRAME_S if plate.eye is None else DEPTH_EYES_S
     return [
         f"behind    no body goes behind what is nearer: mr360uw depth {plate.path.name} -o depth {how} finds how far "
@@ -448,7 +451,7 @@ def corrected(chosen: Proposal, card_stops: float | None) -> Proposal:
     card_stops: by which a grey card is brighter; None where no ground is seen. A lamp of the scene does not light the
     plate, whose ground then tells nothing.
     """
-    if card_stops is None or chosen.lamp or abs(card_stops) < _DOUBTFUL_STOPS:
+    if card_stops is None or chosen.plate.dark or abs(card_stops) < _DOUBTFUL_STOPS:
         return chosen
     return replace(chosen, exposure=round(min(max(-card_stops, -_MOST_STOPS), _MOST_STOPS), 1))
 
@@ -480,18 +483,19 @@ def _side(azimuth_deg: float) -> str:
     return f"{abs(azimuth_deg):g} degrees to the {'right' if azimuth_deg > 0.0 else 'left'}"
 
 
-def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_files: bool) -> str:
+def scene_lines(chosen: Proposal, folder: Path, *, outside_files: bool) -> str:
     """Return the text of the scene, for a file in a folder."""
+    plate, depth = chosen.plate, chosen.wish.depth
     rows: list[tuple[str, str]] = [("[plate]", ""), (f"path = {toml_value(relative_to(plate.path, folder))}", "")]
     if plate.eye is not None:
         rows.append(('eye = "both"', "of the stereo plate") if chosen.both else (f'eye = "{plate.eye}"', "of the two"))
     if plate.projection != "auto":
         rows.append((f'projection = "{plate.projection}"', "by what its first picture shows"))
-    if chosen.depth is not None:
+    if depth is not None:
         note = "distances: bodies go behind what is nearer, shadows fall on it"
-        rows.append((f"depth = {toml_value(relative_to(chosen.depth, folder))}", note))
-    rows += [("", ""), *_camera_rows(plate, chosen, folder), ("", ""), *_water_rows(chosen), ("", "")]
-    rows += _object_rows(mesh, chosen, folder, outside_files=outside_files)
+        rows.append((f"depth = {toml_value(relative_to(depth, folder))}", note))
+    rows += [("", ""), *_camera_rows(chosen, folder), ("", ""), *_water_rows(chosen), ("", "")]
+    rows += _object_rows(chosen, folder, outside_files=outside_files)
     if chosen.place.drop_m is not None and not chosen.place.hangs:
         known = chosen.floor_by or "a guess: height of the floor over the camera"
         rows += [
@@ -499,7 +503,7 @@ def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path
             ("[receiver]", "the floor, on which shadows fall"),
             (f"height_m = {-chosen.place.drop_m:.3g}", known),
         ]
-    if chosen.lamp:
+    if plate.dark:
         rows += [("", ""), ("[[lamp]]", "the plate is dark"), ('attach = "camera"', ""), ("lumen = 3000.0", "")]
     head = [
         "# A scene of mr360uw, from a first look at its plate and mesh. What was guessed says so.",
@@ -510,15 +514,12 @@ def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path
     return "\n".join([*head, *body, ""])
 
 
-def _camera_rows(plate: PlateLook, chosen: Proposal, folder: Path) -> list[tuple[str, str]]:
-    note = (
-        "a guess: how deep the camera was; sets light and colour"
-        if chosen.water is not None
-        else "without water: no matter"
-    )
-    rows = [("[camera]", ""), (f"depth_m = {chosen.depth_m:g}", note)]
-    if chosen.track is not None:
-        rows.append((f"track = {toml_value(relative_to(chosen.track, folder))}", ""))
+def _camera_rows(chosen: Proposal, folder: Path) -> list[tuple[str, str]]:
+    plate, track = chosen.plate, chosen.wish.track
+    guess = "a guess: how deep the camera was; sets light and colour"
+    rows = [("[camera]", ""), (f"depth_m = {chosen.depth_m:g}", guess if chosen.water else "without water: no matter")]
+    if track is not None:
+        rows.append((f"track = {toml_value(relative_to(track, folder))}", ""))
     elif plate.tilt_by:
         rows.append((f"roll_deg = {plate.roll_deg:.1f}", f"by {plate.tilt_by}"))
         rows.append((f"pitch_deg = {plate.pitch_deg:.1f}", ""))
@@ -542,16 +543,14 @@ def _water_rows(chosen: Proposal) -> list[tuple[str, str]]:
     return rows
 
 
-def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_files: bool) -> list[tuple[str, str]]:
+def _object_rows(chosen: Proposal, folder: Path, *, outside_files: bool) -> list[tuple[str, str]]:
     # Name the mesh, its size and its direction
-    place = chosen.place
+    place, mesh = chosen.place, chosen.mesh
+    why_size = mesh.why_size if place.size_m == mesh.size_m else "as it is put"
     rows = [
         ("[[object]]", ""),
         (f"mesh = {toml_value(relative_to(mesh.path, folder))}", ""),
-        (
-            f"size_m = {place.size_m:g}",
-            f"longest side; {mesh.why_size if place.size_m == mesh.size_m else 'as it is put'}",
-        ),
+        (f"size_m = {place.size_m:g}", f"longest side; {why_size}"),
         (f"azimuth_deg = {place.azimuth_deg:g}", "to the right of straight ahead"),
     ]
     # Stand it on the receiver, or set its height

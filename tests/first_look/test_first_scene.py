@@ -7,6 +7,8 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +20,7 @@ from mr360uw.base.color import encode
 from mr360uw.base.sphere import directions
 from mr360uw.composite import load_object
 from mr360uw.depth.sphere_stereo import DepthMap
-from mr360uw.first_look.place_in_plate import Place
+from mr360uw.first_look.place_in_plate import Place, Wish
 from mr360uw.first_look.proposal import Proposal, corrected
 from mr360uw.render.loaded import load
 from mr360uw.sample import SampleDive
@@ -257,7 +259,9 @@ def test_the_ground_tells_the_exposure(tmp_path: Path, run: Run, rng: np.random.
     ],
 )
 def test_exposure_follows_the_cards_within_limits(card_stops: float | None, lamp: bool, exposure: float) -> None:
-    chosen = Proposal(Place(0.4, False, 1.3), None, 6.0, "", lamp, None, None, both=False)
+    plate: Any = SimpleNamespace(dark=lamp)
+    mesh: Any = None
+    chosen = Proposal(plate, mesh, Wish(), Place(0.4, False, 1.3), None, 6.0, "")
     assert corrected(chosen, card_stops).exposure == exposure
 
 
