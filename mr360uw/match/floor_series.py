@@ -10,27 +10,33 @@ another way differs in its finest detail by 10 to 20 %, and so does the wind tha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.caustic_lookup import along_beam, mip_level, mip_levels
 from mr360uw.base.color import encode, luminance
-from mr360uw.base.constants import GRAVITY_M_S2
-from mr360uw.base.optics import refract_to_air
+from mr360uw.base.constants import GRAVITY_M_S2, REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import refract_to_air, refract_to_water
 from mr360uw.base.progress import Progress
 from mr360uw.base.sphere import direction_from_frame, frame_from_direction
+from mr360uw.caustics import CausticSettings, caustic_stack
+from mr360uw.caustics.settings import Sea
 from mr360uw.errors import ParameterError
+from mr360uw.ibl.sun.split import CLEAR_SKY, CLEAR_SKY_DIRECT
 from mr360uw.medium import Medium
-from mr360uw.medium.lookup import veil_lookup
+from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share, veil_lookup
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.medium.veil_gain import fit_level
 from mr360uw.render.lights import level_view
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.scene.resolved import open_plate
-from mr360uw.types import Array, Floats, MediumTable
+from mr360uw.types import Array, BeamSpread, Floats, MediumTable
 
 _FINER = 2
 """Points across a pixel of the region, whose mean it is: the plate's pixels below the camera are finer."""
@@ -165,35 +171,11 @@ class NoMatchError(Exception):
     """A plate that shows nothing that could be matched; the text is the reason."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FloorSeries:
-    """The floor of a plate over time.
-
-    light: (T, n, n) luminance of the floor as it arrives at the camera. color: (3,) its mean, RGB. codes: its standard
-    deviation over time in 8-bit code values of the plate. time_s: (T,) of the frames, evenly spaced. footprint_m:
-    (n, n) of a pixel. views: (T,) where each frame shows the region. sun_in_air: (3,) towards the sun. medium: the
-    water. floor_depth_m: below the mean surface.
-    """
-
-    grid: FloorGrid
-    light: Floats
-    color: Array
-    codes: float
-    time_s: Array
-    footprint_m: Array
-    views: tuple[FloorView, ...]
-    sun_in_air: Array
-    medium: Medium
-    floor_depth_m: float
-
-    @property
-    def step_s(self) -> float:
-        """Time [s] between frames."""
-        return float(self.time_s[1] - self.time_s[0])
-
-
-def floor_series(scene: Scene, frames: tuple[int, int] | None = None, progress: Progress | None = None) -> FloorSeries:
-    """Return the light of a scene's floor over frames [a, b), by default the first two seconds.
+def floor_series(
+    scene: Scene, frames: tuple[int, int] | None = None, progress: Progress | None = None
+) -> tuple[Floats, ModelledFloor, float]:
+    """Return the light of a scene's floor over frames [a, b), by default the first two seconds: (T, n, n) luminance as
+    it arrives at the camera; what makes our light of that floor under a sea; and the width [m] of its typical pixel.
 
     It is that of the square below and around the camera. Raises `NoMatchError` with a reason where the scene or
     the plate shows no floor, no water or no sun; `VideoError`, `ParameterError`.
@@ -241,12 +223,15 @@ def floor_series(scene: Scene, frames: tuple[int, int] | None = None, progress: 
         raise NoMatchError('No sun is found in the plate; set light.sun = "given" with its azimuth and elevation.')
     sun = refract_to_air(np.mean(found, axis=0), scene.water.refractive_index)
     # one gain for all frames: that of each moves with the waves, and its floor with it
-    table = surroundings.medium.scaled(np.median(gains, axis=0)).table
+    medium, depth_m = surroundings.medium, scene.camera.depth_m - floor_y
+    table = medium.scaled(np.median(gains, axis=0)).table
     light = np.array([grid.light(one, position, table) for one, position in zip(seen, positions, strict=True)])
-    return FloorSeries(
-        grid, luminance(light), np.maximum(light.mean(axis=(0, 1, 2)), 0.0), _codes(np.array(seen)), times, footprint,
-        views, sun, surroundings.medium, scene.camera.depth_m - floor_y,
+    color = np.maximum(light.mean(axis=(0, 1, 2)), 0.0)
+    floor = ModelledFloor(
+        views, grid.pixel_m, times, depth_m, sun, *_beam_fractions(medium, depth_m, sun, color, scene.water.sun_share),
+        spread_of(medium), medium.refractive_index, _codes(np.array(seen)),
     )  # fmt: skip
+    return luminance(light), floor, float(np.median(footprint))
 
 
 def _views(grid: FloorGrid, places: list[tuple[Floats, Floats]], width: int, height: int) -> tuple[FloorView, ...]:
@@ -273,6 +258,114 @@ def _floor_of(scene: Scene) -> float:
     if scene.camera.depth_m - receiver.height_m <= 0.0:
         raise NoMatchError("The receiver lies above the water; set receiver.height_m.")
     return receiver.height_m
+
+
+# Our caustics of a sea on the region of floor that a plate shows, read through the pixels of its camera.
+#
+#     E/<E> = 1 + f (s (C - 1) + (1 - s) (B - 1))        f = (1 - (1 - q) sky) b(d)/r(d)
+#
+# f: fraction of the daylight on the floor, at the depth d, that is the sun's beam; q: the same just below the surface;
+# sky: colour of the rest; b, r: fractions of the beam and of all light that reach d; s: fraction of the beam that has
+# not turned; C: caustic ratio of that part, B: of the rest. The fractions are means over R, G and B, weighted by the
+# luminance of each in the floor that is seen. C and B are averaged over the footprint of each of the plate's pixels;
+# the region is then read from the pixels as it is from the plate's.
+
+_SIZES = (64, 512)
+"""Least and most pixels of a map across the sea's tile."""
+_GRID_PER_WAVE = 5
+"""Cells of the surface in its shortest wave. Three make a pattern that is less sharp: the wind that fits a finer one is
+then 5 to 20 % too strong. Twice as many move it by 2 to 8 %, the most in the weakest winds."""
+_GRIDS = (64, 256)
+
+
+_MOST_LOST, _MOST_SPREAD, _WIDEST_BLUR = 0.07, 0.6, 0.5
+"""Most of the pattern's amplitude that a codec takes, and most of its blur [pixels of the plate], times the pattern's
+standard deviation in code values; the last is the most of any. Codecs drop what is below a step: of 2 code values H.264
+took 0 to 4 % of the amplitude, of 14 or more below 1 %."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelledFloor:
+    """Makes the light of a floor under seas.
+
+    views: (T,) where the frame at each time shows the region. pixel_m: of the region. time_s: (T,) evenly spaced.
+    depth_m: below the mean surface. sun_in_air: (3,) towards the sun. beam, unturned: fractions f and s above. codes:
+    standard deviation of the light over time, in 8-bit code values of the plate. blur: standard deviation [pixels of
+    the plate] of what blurs its frames: a codec.
+    """
+
+    views: tuple[FloorView, ...]
+    pixel_m: float
+    time_s: Array
+    depth_m: float
+    sun_in_air: Array
+    beam: float
+    unturned: float
+    spread: BeamSpread | None = None
+    refractive_index: float = REFRACTIVE_INDEX_SEA
+    codes: float = math.inf
+    blur: float = 0.0
+
+    @property
+    def step_s(self) -> float:
+        """Time [s] between frames."""
+        return float(self.time_s[1] - self.time_s[0])
+
+    def as_coded(self, beam: float, codec: float) -> ModelledFloor:
+        """Return the floor with `beam` times the beam's fraction, through a codec that takes the part `codec` (0 to 1)
+        of the most that codecs take of a pattern of so few code values."""
+        lost = codec * min(_MOST_LOST / self.codes, 0.5)
+        blur = codec * min(_MOST_SPREAD / self.codes, _WIDEST_BLUR)
+        return replace(self, beam=min(self.beam * beam, 1.0) * (1.0 - lost), blur=blur)
+
+    def light(self, sea: Sea) -> NDArray[np.float32]:
+        """Return the light (T, n, n) of the floor under a sea, relative to that under a flat one."""
+        size = 2.0 ** np.ceil(np.log2(sea.tile_m / self.pixel_m))
+        shortest = getattr(sea, "shortest_wavelength_m", None) or sea.tile_m / 40.0
+        grid = _GRID_PER_WAVE * sea.tile_m / shortest
+        settings = CausticSettings(size=int(np.clip(size, *_SIZES)), grid=int(np.clip(grid, *_GRIDS)))
+        times = zip(self.views, self.time_s, strict=True)
+        return np.array([self._at(sea, float(time_s), view, settings) for view, time_s in times])
+
+    def _at(self, sea: Sea, time_s: float, view: FloorView, settings: CausticSettings) -> NDArray[np.float32]:
+        at = np.array([self.depth_m])
+        stack = caustic_stack(sea, self.sun_in_air, at, time_s, settings, self.refractive_index, self.spread)
+        pattern = self.unturned * (stack.ratio[..., 1:2] - 1.0)
+        if stack.soft is not None:
+            pattern = pattern + (1.0 - self.unturned) * (stack.soft - 1.0)
+        u, v = along_beam(stack, view.x_m, at, view.z_m)
+        seen = _read(mip_levels(pattern), u, v, view.footprint_m / stack.tile_m)
+        return 1.0 + np.float32(self.beam) * view.read(seen, self.blur)
+
+
+def _beam_fractions(
+    medium: Medium, depth_m: float, sun_in_air: Array, color: Array, sun_share: float
+) -> tuple[float, float]:
+    """Return f and s above of a floor. color: (3,) of what is seen of it. sun_share: q, 0 for that of a clear sky."""
+    sun_share = sun_share or CLEAR_SKY_DIRECT
+    at, up = np.array([depth_m]), float(refract_to_water(sun_in_air, medium.refractive_index)[1])
+    whole = ambient_ratio(medium.unit_table, at) / ambient_ratio(medium.unit_table, 0.0)
+    direct = (1.0 - (1.0 - sun_share) * CLEAR_SKY) * beam_fraction(medium.unit_table, at, up)
+    seen = luminance(np.diag(color)) / max(float(luminance(color)), 1e-12)
+    fraction = (direct / whole)[0] * seen
+    beam = float(np.sum(fraction))
+    return beam, float(np.sum(unscattered_share(medium.unit_table, at, up)[0] * fraction)) / max(beam, 1e-12)
+
+
+def _read(levels: list[Floats], u: Floats, v: Floats, footprint: Floats) -> NDArray[np.float32]:
+    """Return mip levels (1, size, size, 1) at places of a tile, averaged over footprints; all (h, w), in tiles."""
+    import cv2
+
+    level = mip_level(footprint, 1.0 / levels[0].shape[1], len(levels) - 1.0)
+    image = np.zeros(u.shape, np.float32)
+    for k, texels in enumerate(levels):
+        weight = np.maximum(1.0 - np.abs(level - k), 0.0).astype(np.float32)
+        if weight.any():
+            size = texels.shape[1]
+            x, y = (np.remainder(a * size - 0.5, size).astype(np.float32) for a in (u, v))
+            picture = texels[0, ..., 0].astype(np.float32)
+            image += weight * cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return image
 
 
 # Measures of a moving pattern of light on a level floor: contrast, scale, speed and direction of travel.

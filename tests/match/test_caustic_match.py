@@ -17,8 +17,7 @@ from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.cli.tools import match
 from mr360uw.errors import ParameterError
 from mr360uw.match import CausticMatch, caustic_match, match_caustics, spectral_distance
-from mr360uw.match.caustic_match import ModelledFloor
-from mr360uw.match.floor_series import FloorGrid, FloorView, bands, pattern_measures, relative_light
+from mr360uw.match.floor_series import FloorGrid, FloorView, ModelledFloor, bands, pattern_measures, relative_light
 from mr360uw.preview.screen import encoded
 from mr360uw.scene import load_scene
 from mr360uw.video import VideoFrame
