@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fits a scene's water to patches of open water that a user marks in the plate.
+"""Fits a scene's water to a patch of open water that a user marks in the plate.
 
 The solved light of every water at the camera's depth, with the scene's sky, is compared with the patch: its colour and
 how that changes with elevation (`medium.waterfit`). Exposure is free, a white balance is allowed at a cost.
@@ -8,7 +8,6 @@ how that changes with elevation (`medium.waterfit`). Exposure is free, a white b
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -96,13 +95,13 @@ class WaterMatch:
 
 
 _Veil = tuple[Changes, Array, float]
-"""The veil of a setting in the patches: its changes, codes (r, 3), and their root mean square deviation from the plate.
+"""The veil of a setting in the patch: its changes, codes (r, 3), and their root mean square deviation from the plate.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """Open water of a plate: light (r, 3) of the rows of patches, the y `up` (r,) of their directions, and its horizon.
+    """Open water of a plate: light (r, 3) of the rows of a patch, the y `up` (r,) of their directions, and its horizon.
 
     frames: the light in each frame, of which `light` is the mean.
     """
@@ -118,7 +117,7 @@ class _View:
         return changes, codes, float(np.sqrt(np.mean((codes - _codes(self.light)) ** 2)))
 
     def fitted(self, medium: Medium, changes: Changes, *, from_patch: bool) -> _Veil:
-        """Return the veil of a medium with the gain of the horizon, or one of the patches, which is one more change."""
+        """Return the veil of a medium with the gain of the horizon, or one of the patch, which is one more change."""
         if not from_patch:
             return self.veil(medium, fit_level(medium, self.level)[0], changes)
         ratio = np.maximum(self.light, _DARK) / np.maximum(medium.level_radiance(self.up), _TINY)
@@ -127,25 +126,20 @@ class _View:
 
 
 @checked
-def match_water(
-    scene: Scene, patch: WaterPatch | Sequence[WaterPatch], frames: int | tuple[int, int] = 0
-) -> WaterMatch:
-    """Return the water whose solved veil is nearest to the plate in patches of open water.
+def match_water(scene: Scene, patch: WaterPatch, frames: int | tuple[int, int] = 0) -> WaterMatch:
+    """Return the water whose solved veil is nearest to the plate in a patch of open water.
 
     frames: one, or a range [a, b) that a few are taken of. A scene with `water.visibility_m` and no type gets another
     visibility, any other a Jerlov type. The gain of the veil is found as well where the scene's is fixed, or the
     horizon shows no open water and the veil of long ways is not the plate's. Changes that bring the veil, in the
-    scene's own mode, no nearer to the plate are not proposed. Raises `ParameterError` for patches that are black or no
+    scene's own mode, no nearer to the plate are not proposed. Raises `ParameterError` for a patch that is black or no
     water, `VideoError`.
     """
-    # Read the light of the patches, unless there is no water to match
-    patches = [patch] if isinstance(patch, WaterPatch) else list(patch)
-    if not patches:
-        raise ParameterError("water - has no patch (got none) - mark one")
+    # Read the light of the patch, unless there is no water to match
     water, depth = scene.water, scene.camera.depth_m
     if water.type == "none":
         return WaterMatch("Nothing is matched. The scene has no water; set water.type first.")
-    view = _read(scene, patches, frames)
+    view = _read(scene, patch, frames)
     # Compare the solved veils of all candidates with it, and with random draws of the frames
     tried = _candidates(water)
     media = {name: _medium(candidate, depth, "table") for name, candidate in tried.items()}
@@ -200,11 +194,11 @@ def _medium(water: WaterSettings, depth_m: float, mode: Mode) -> Medium:
     return medium
 
 
-def _read(scene: Scene, patches: Sequence[WaterPatch], frames: int | tuple[int, int]) -> _View:
-    """Return the mean over the frames; raise `ParameterError` for patches that are black or no water."""
+def _read(scene: Scene, patch: WaterPatch, frames: int | tuple[int, int]) -> _View:
+    """Return the mean over the frames; raise `ParameterError` for a patch that is black or no water."""
     start, stop = (frames, frames + 1) if isinstance(frames, int) else frames
     camera = CameraPath.of(scene)
-    elevation, azimuth = _directions(patches)
+    elevation, azimuth = _directions(patch)
     light, levels = [], []
     with open_plate(scene) as video:
         start, stop = video.check_range(start, stop)
@@ -223,17 +217,12 @@ def _read(scene: Scene, patches: Sequence[WaterPatch], frames: int | tuple[int, 
     return _View(np.sin(elevation), measured, tuple(light), level)
 
 
-def _directions(patches: Sequence[WaterPatch]) -> tuple[Array, Array]:
-    """Return the elevations (r,) of all rows and their azimuths (r, c) [rad]."""
-    elevation, azimuth = [], []
-    for patch in patches:
-        rows = patch.pitch_deg + patch.size_deg * (0.5 - (np.arange(_ROWS) + 0.5) / _ROWS)
-        across = patch.yaw_deg + patch.size_deg * ((np.arange(_COLUMNS) + 0.5) / _COLUMNS - 0.5) / np.cos(
-            np.radians(patch.pitch_deg)
-        )
-        elevation.append(np.radians(rows))
-        azimuth.append(np.broadcast_to(np.radians(across), (_ROWS, _COLUMNS)))
-    return np.concatenate(elevation), np.concatenate(azimuth)
+def _directions(patch: WaterPatch) -> tuple[Array, Array]:
+    """Return the elevations (r,) of the rows and their azimuths (r, c) [rad]."""
+    rows = patch.pitch_deg + patch.size_deg * (0.5 - (np.arange(_ROWS) + 0.5) / _ROWS)
+    stretched = (np.arange(_COLUMNS) + 0.5) / _COLUMNS - 0.5
+    across = patch.yaw_deg + patch.size_deg * stretched / np.cos(np.radians(patch.pitch_deg))
+    return np.radians(rows), np.broadcast_to(np.radians(across), (_ROWS, _COLUMNS))
 
 
 def _rows(frame: VideoFrame, rotation: Floats, elevation: Array, azimuth: Array) -> Array:

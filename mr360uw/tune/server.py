@@ -13,11 +13,10 @@ import logging
 import secrets
 import socket
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 from urllib.parse import urlencode, urlsplit
 
 import uvicorn
@@ -26,6 +25,7 @@ from fastapi.responses import FileResponse, PlainTextResponse, Response
 from nicegui import ui
 from starlette.datastructures import MutableHeaders, QueryParams
 from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 from mr360uw.base.files import write_whole
@@ -218,11 +218,6 @@ async def _watch(document: Document) -> None:
 # was made to point here (DNS rebinding) is known by `Host`. Another user of this machine can connect to its loopback
 # addresses; he does not know the token.
 
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
-Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
-
 _CONTENT_POLICY = "; ".join(
     [
         "default-src 'self'",
@@ -269,7 +264,7 @@ class Guard:
     host: that is listened on. token: that requests must show, in the query of "/" once and then in a cookie.
     """
 
-    def __init__(self, app: App, host: str, token: str) -> None:
+    def __init__(self, app: ASGIApp, host: str, token: str) -> None:
         self._app, self._host, self._token = app, host.strip("[]").lower(), token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -346,7 +341,7 @@ def _same_place(origin: str, host: str) -> bool:
 
 
 def _with_headers(send: Send) -> Send:
-    async def wrapped(message: MutableMapping[str, Any]) -> None:
+    async def wrapped(message: Message) -> None:
         if message["type"] == "http.response.start":
             MutableHeaders(scope=message).update(_HEADERS)
         await send(message)
