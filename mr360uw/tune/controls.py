@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from typing import Any, Literal
 
@@ -20,7 +19,7 @@ from mr360uw.scene.toml_model import toml_value
 from mr360uw.tune.fields import (
     FIRST,
     Field,
-    Group,
+    by_key,
     groups,
     keyed_parameters,
     set_along,
@@ -28,6 +27,7 @@ from mr360uw.tune.fields import (
     unsaid,
     values_at,
     without_effect,
+    without_numbers,
 )
 from mr360uw.tune.session import Session
 
@@ -222,19 +222,6 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
         self._heard = max(self._heard, event.args["number"])
 
 
-def _control_spec(tables: tuple[Group, ...]) -> list[dict[str, Any]]:
-    """Return tables and their fields as values of JSON, for controls.js."""
-    spec = [
-        {"key": group.key, "title": group.title, "help": group.help, "repeated": group.repeated,
-         "optional": group.optional, "tag": group.tag, "kinds": {kind: [
-             {**asdict(field), "step": field.step, "default_text": field.default_text} for field in fields
-         ] for kind, fields in group.kinds.items()}}
-        for group in tables
-    ]  # fmt: skip
-    plain: list[dict[str, Any]] = to_jsonable_python(spec, fallback=str)
-    return plain
-
-
 def typed(field: Field, value: Any) -> Any:
     """Return what a control sent as a value of the scene file; numbers that JSON made whole are floats again."""
     if field.kind == "toml":
@@ -269,10 +256,8 @@ class ControlPanel(Element, component="controls.js"):
         self._in_words, self._words = in_words, dict[str, Any]()
         self._session, self._document = session, session.document
         tables = groups()
-        self._fields = {
-            f"{group.key}.{field.key}": field for group in tables for of in group.kinds.values() for field in of
-        }
-        self._props["spec"] = _control_spec(tables)
+        self._fields = by_key(tables)
+        self._props["spec"] = to_jsonable_python(tables, fallback=str)
         self._props["first"] = list(FIRST)
         self.on("change", self._changed)
         self.on("reset", self._reset)
@@ -330,7 +315,7 @@ class ControlPanel(Element, component="controls.js"):
         return None if field is None else field.default
 
     def _field(self, key: str) -> Field | None:
-        return self._fields.get(".".join(part for part in key.split(".") if not part.isdecimal()))
+        return self._fields.get(without_numbers(key))
 
     def _changed(self, event: GenericEventArguments) -> None:
         key, value, group = event.args["key"], event.args["value"], event.args["group"]

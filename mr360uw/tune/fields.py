@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -43,9 +43,10 @@ _DECADES = 2.0
 class Field:
     """One parameter as a control shows it.
 
-    key: below its table, as in "depth_m". low, high: the allowed range, None where it is open. span: of the slider.
-    default: of the file's value; None: none, or the key must be given (`required`). length: of a vector. changes:
-    whether it may change within a clip. everyday: words by which it is found beside its own.
+    key: below its table, as in "depth_m". low, high: the allowed range, None where it is open. span: of the slider;
+    step: increment of the number box. default: of the file's value; None: none, or the key must be given (`required`);
+    default_text: as TOML writes it. length: of a vector. changes: whether it may change within a clip. everyday: words
+    by which it is found beside its own.
     """
 
     key: str
@@ -54,32 +55,19 @@ class Field:
     help: str
     unit: str
     default: Any
+    default_text: str | None
     bounds: str
-    low: float | None = None
-    high: float | None = None
-    span: tuple[float, float] | None = None
-    logarithmic: bool = False
-    optional: bool = False
-    required: bool = False
-    choices: tuple[Any, ...] = ()
-    length: int = 0
-    changes: bool = False
-    everyday: str = ""
-
-    @property
-    def step(self) -> float:
-        """Increment of the number box, 1, 2 or 5 of some decimal place: about a 200th of the slider's span."""
-        if self.kind == "integer" or self.span is None:
-            return 1.0
-        wanted = (self.span[1] - self.span[0]) / 200.0
-        if self.logarithmic:
-            wanted = max(self.span[0], 0.01 * abs(self.default or 0.0))
-        return round_length(wanted)
-
-    @property
-    def default_text(self) -> str | None:
-        """The default as TOML writes it; None where there is none."""
-        return None if self.default is None else toml_value(self.default)
+    low: float | None
+    high: float | None
+    span: tuple[float, float] | None
+    logarithmic: bool
+    step: float
+    optional: bool
+    required: bool
+    choices: tuple[Any, ...]
+    length: int
+    changes: bool
+    everyday: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +103,17 @@ def groups() -> tuple[Group, ...]:
     return tuple(found)
 
 
+def by_key(tables: Iterable[Group]) -> dict[str, Field]:
+    """Return the fields of tables by their dotted keys, of the default kind where several kinds have them."""
+    every = [(f"{group.key}.{field.key}", field) for group in tables for of in group.kinds.values() for field in of]
+    return dict(reversed(every))
+
+
+def without_numbers(key: str) -> str:
+    """Return a dotted key without the numbers of the entries of lists."""
+    return ".".join(part for part in key.split(".") if not part.isdecimal())
+
+
 def _field(table: str, key: str, field: FieldInfo, tags: tuple[str, ...], changes: bool) -> Field:
     """Return a field's description.
 
@@ -134,8 +133,9 @@ def _field(table: str, key: str, field: FieldInfo, tags: tuple[str, ...], change
         span, logarithmic = _span(key, unit, low, high, default, options[0])
     return Field(
         key, FIRST.get(path, _label(key)), kind, field.description or "", "" if unit == "1" else unit, default,
-        bounds_text(field), low, high, span, logarithmic, optional, field.is_required(), choices,
-        len(get_args(options[0])) if kind in ("vector", "colour") else 0, changes,
+        None if default is None else toml_value(default), bounds_text(field), low, high, span, logarithmic,
+        1.0 if span is None or kind == "integer" else _step(span, default, logarithmic), optional, field.is_required(),
+        choices, len(get_args(options[0])) if kind in ("vector", "colour") else 0, changes,
         " ".join(WORDS["everyday"].get(part, "") for part in path.split(".")),
     )  # fmt: skip
 
@@ -192,6 +192,11 @@ def _span(
     else:
         start, end = _BY_UNIT.get(unit, (0.0, 4.0 * middle))
     return (start, end), start > 0.0 and end / start >= 10.0**_DECADES
+
+
+def _step(span: tuple[float, float], default: Any, logarithmic: bool) -> float:
+    """Return the increment of a number box, 1, 2 or 5 of some decimal place: about a 200th of the slider's span."""
+    return round_length(max(span[0], 0.01 * abs(default or 0.0)) if logarithmic else (span[1] - span[0]) / 200.0)
 
 
 def _label(key: str) -> str:

@@ -21,7 +21,7 @@ from mr360uw.preview.screen import screen_picture
 from mr360uw.scene.model import Scene, load_scene
 from mr360uw.scene.toml_model import dotted, scene_text, tables_of
 from mr360uw.tune.document import Document, Observed, find, key_of
-from mr360uw.tune.fields import Field, groups
+from mr360uw.tune.fields import Field, by_key, groups, without_numbers
 from mr360uw.tune.pictures import MadePicture, Pictures, Wanted
 from mr360uw.tune.views import VIEW_NAMES
 from mr360uw.video import VideoReader
@@ -285,9 +285,7 @@ def sliders(scene: str | Path, *keys: str, frame: int = 0, width: int = 768, bac
 
 def _field(key: str) -> Field:
     """Return the description of a number; raise `ParameterError` for other keys."""
-    name = ".".join(part for part in dotted(key) if not part.isdecimal())
-    every = ((group.key, field) for group in groups() for fields in group.kinds.values() for field in fields)
-    field = next((field for table, field in every if f"{table}.{field.key}" == name), None)
+    field = by_key(groups()).get(without_numbers(".".join(dotted(key))))
     if field is None or field.span is None or field.kind not in ("number", "integer"):
         raise ParameterError(f"{key} - is no number with a slider (got {key!r}) - take for example sea.wind_speed")
     return field

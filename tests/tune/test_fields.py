@@ -9,7 +9,7 @@ from mr360uw.base.parameters import stated
 from mr360uw.scene.handbook import choices
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import models_of
-from mr360uw.tune.fields import FIRST, Field, Group, groups
+from mr360uw.tune.fields import FIRST, Field, Group, by_key, groups
 
 GROUPS = {group.key: group for group in groups()}
 EVERY = [
@@ -92,6 +92,10 @@ def test_kinds(subtests: pytest.Subtests) -> None:
             field = one(path)
             assert field.kind == kind
             assert {name: getattr(field, name) for name in extra} == extra
+
+
+def test_a_parameter_of_several_kinds_has_the_default_of_the_first() -> None:
+    assert by_key(groups())["sea.model"].default_text == '"gerstner"'
 
 
 def test_the_first_controls_are_parameters() -> None:
