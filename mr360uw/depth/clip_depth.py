@@ -71,15 +71,6 @@ class DepthReport:
         return f"{self.written} maps written, {self.kept} kept in {self.folder}{told}{lost}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ClipPath:
-    """Poses of a clip's frames: position (n, 3), rotation (n, 3, 3), and the shot (n,) of each, -1 without a pose."""
-
-    position: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-    shot: NDArray[np.int64]
-
-
 @checked
 def depth_of_clip(
     video: str | Path,
@@ -144,7 +135,7 @@ def depth_of_clip(
     with open_video(video, eye=eye) as clip:
         if clip.is_still:
             raise ParameterError(f"{video} - is one picture (got no motion that shows distances) - give a clip")
-        path = poses_of(video, clip, track, eye)
+        path = ClipPath(video, clip, track, eye)
         width = map_width(width, clip, "1024, or 512 for a draft")
         inputs = _inputs(Path(video), path, width, eye)
         count = len(path.shot)
@@ -193,41 +184,56 @@ def _motion(track: _Track) -> Motion:
     return read_camera_track(track)
 
 
-def poses_of(
-    video: str | Path, clip: VideoReader, track: _Track | Sequence[_Track] | None, eye: _Eye | None
-) -> ClipPath:
-    """Return the poses of all frames of a clip; raise `ParameterError` where no motion tells distances."""
-    motions = [_motion(one) for one in _tracks(video, track, eye)]
-    # Begin without poses: frames outside of all tracks have none
-    count = clip.frame_count or 1  # None of a still
-    rate = float(clip.frame_rate)
-    times = np.arange(count) / rate
-    position, rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)
-    shot, turns = np.full(count, -1, np.int64), False
-    # Take the poses of each track whose camera moves
-    for number, motion in enumerate(motions):
-        inside = (times > motion.time_s[0] - 0.6 / rate) & (times < motion.time_s[-1] + 0.6 / rate)
-        if not inside.any():
-            continue
-        poses = np.stack([motion.at(float(t)) for t in times[inside]])
-        if np.ptp(poses[:, :3, 3], axis=0).max() < _LEAST_M:
-            cosine = np.clip(0.5 * (np.trace(poses[0, :3, :3].T @ poses[:, :3, :3], axis1=1, axis2=2) - 1.0), -1, 1)
-            turns |= bool(np.arccos(cosine).max() > _LEAST_TURN)
-            continue
-        position[inside], rotation[inside], shot[inside] = poses[:, :3, 3], poses[:, :3, :3], number
-    # Say why no motion tells distances
-    moves = np.any(shot >= 0)
-    if not moves and not turns and not any(len(m.time_s) > 1 for m in motions):
-        raise ParameterError(
-            f"{video} - has no track of its frames (got {len(motions)} tracks that hold none) - run mr360uw track on it"
-        )
-    if not moves:
-        how = "turns on the spot" if turns else "stands still"
-        raise ParameterError(
-            f"{video} - its camera {how}, which shows no distances (got a path shorter than {100 * _LEAST_M:.0f} cm) - "
-            "give a clip of a camera that moves, or maps made by another program"
-        )
-    return ClipPath(position, rotation, shot)
+class ClipPath:
+    """Poses of all frames of a clip: position (n, 3), rotation (n, 3, 3), and the shot (n,) of each, -1 without a pose.
+
+    Raises `ParameterError` where no motion tells distances.
+    """
+
+    def __init__(
+        self, video: str | Path, clip: VideoReader, track: _Track | Sequence[_Track] | None, eye: _Eye | None
+    ) -> None:
+        motions = [_motion(one) for one in _tracks(video, track, eye)]
+        # Begin without poses: frames outside of all tracks have none
+        count = clip.frame_count or 1  # None of a still
+        rate = float(clip.frame_rate)
+        times = np.arange(count) / rate
+        self.position, self.rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)
+        self.shot, turns = np.full(count, -1, np.int64), False
+        # Take the poses of each track whose camera moves
+        for number, motion in enumerate(motions):
+            inside = (times > motion.time_s[0] - 0.6 / rate) & (times < motion.time_s[-1] + 0.6 / rate)
+            if not inside.any():
+                continue
+            poses = np.stack([motion.at(float(t)) for t in times[inside]])
+            if np.ptp(poses[:, :3, 3], axis=0).max() < _LEAST_M:
+                cosine = np.clip(0.5 * (np.trace(poses[0, :3, :3].T @ poses[:, :3, :3], axis1=1, axis2=2) - 1.0), -1, 1)
+                turns |= bool(np.arccos(cosine).max() > _LEAST_TURN)
+                continue
+            self.position[inside], self.rotation[inside] = poses[:, :3, 3], poses[:, :3, :3]
+            self.shot[inside] = number
+        # Say why no motion tells distances
+        moves = np.any(self.shot >= 0)
+        if not moves and not turns and not any(len(m.time_s) > 1 for m in motions):
+            raise ParameterError(
+                f"{video} - has no track of its frames (got {len(motions)} tracks that hold none) - run mr360uw track "
+                "on it"
+            )
+        if not moves:
+            how = "turns on the spot" if turns else "stands still"
+            raise ParameterError(
+                f"{video} - its camera {how}, which shows no distances (got a path shorter than {100 * _LEAST_M:.0f} "
+                "cm) - give a clip of a camera that moves, or maps made by another program"
+            )
+
+    def neighbours(self, index: int, span: int) -> list[int]:
+        """Return frames of a frame's shot, evenly over a span about it that lies within the shot."""
+        shot = np.flatnonzero(self.shot == self.shot[index])
+        first = int(np.clip(index - span // 2, shot[0], max(shot[-1] - span, shot[0])))
+        last = min(first + span, int(shot[-1]))
+        even = np.unique(np.round(np.linspace(first, last, min(_NEIGHBOURS + 1, last - first + 1))).astype(np.int64))
+        chosen: list[int] = even[(even != index) & (self.shot[even] == self.shot[index])].tolist()
+        return chosen
 
 
 def _inputs(video: Path, path: ClipPath, width: int, eye: str | None) -> dict[str, Any]:
@@ -319,26 +325,17 @@ def _jobs(path: ClipPath, missing: list[int], rate: float) -> list[tuple[int, li
     jobs: list[tuple[int, list[int], _Keys]] = []
     swept: set[int] = set()
     for index in missing:
-        near = _chosen(path, index, span).tolist() if path.shot[index] >= 0 else []
+        near = path.neighbours(index, span) if path.shot[index] >= 0 else []
         if not near:
             jobs.append((index, [], ()))
             continue
         shot = np.flatnonzero(path.shot == path.shot[index])
         every = shot[::step]
         keys = tuple(sorted(every[np.argsort(np.abs(every - index), kind="stable")[:_KEYS]].tolist()))
-        jobs += [(key, _chosen(path, key, span).tolist(), None) for key in keys if key not in swept]
+        jobs += [(key, path.neighbours(key, span), None) for key in keys if key not in swept]
         swept.update(keys)
         jobs.append((index, near, keys))
     return jobs
-
-
-def _chosen(path: ClipPath, index: int, span: int) -> NDArray[np.int64]:
-    """Return the neighbours of a frame: frames of its shot, evenly over a span about it that lies within the shot."""
-    shot = np.flatnonzero(path.shot == path.shot[index])
-    first = int(np.clip(index - span // 2, shot[0], max(shot[-1] - span, shot[0])))
-    last = min(first + span, int(shot[-1]))
-    even = np.unique(np.round(np.linspace(first, last, min(_NEIGHBOURS + 1, last - first + 1))).astype(np.int64))
-    return even[(even != index) & (path.shot[even] == path.shot[index])]
 
 
 def _with_neighbours(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mr360uw.base.parameters import checked
 from mr360uw.base.progress import Progress, Steps
 from mr360uw.base.sphere import directions, frame_from_direction
-from mr360uw.depth.clip_depth import poses_of
+from mr360uw.depth.clip_depth import ClipPath
 from mr360uw.depth.depth_files import DepthClip
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.errors import ParameterError
@@ -92,7 +92,7 @@ def water_of_clip(
 
     with open_video(video, eye=eye) as clip:
         # Choose frames of the longest shot, spread over it
-        path = poses_of(video, clip, track, eye)
+        path = ClipPath(video, clip, track, eye)
         frames = np.flatnonzero(path.shot == np.bincount(path.shot[path.shot >= 0]).argmax())
         chosen = np.unique(frames[np.round(np.linspace(0, len(frames) - 1, _FRAMES)).astype(int)]).tolist()
         if len(chosen) < _LEAST_FRAMES:

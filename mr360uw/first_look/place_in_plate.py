@@ -382,7 +382,7 @@ def ground_place(
     drop_m: height of the camera over the ground. distances_m: (n,), level. azimuths_deg: (m,). usual_m: the distance
     that is preferred where all else is equal. shown_m: tells the distances of what the plate shows, where it is known.
     """
-    layout = _Layout.of(image)
+    layout = _Layout(image)
     azimuth, distance = np.meshgrid(np.radians(azimuths_deg), distances_m / drop_m, indexing="ij")
     across, along = body[0] / drop_m, body[1] / drop_m
     side = np.linspace(-0.5, 0.5, _ACROSS)
@@ -407,29 +407,22 @@ def ground_place(
 
 def shows_ground(image: Floats) -> bool:
     """Return whether a levelled panorama (h, w, 3) of linear light shows ground near by: it has structure there."""
-    return _Layout.of(image).texture > _BARE
+    return _Layout(image).texture > _BARE
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _Layout:
-    """The plate's light on the level ground, seen from above, +x to the right and +z down, the camera in the middle.
+    """The light of a panorama (h, w, 3) on the level ground, seen from above.
+
+    +x is to the right and +z down, the camera in the middle.
 
     shades: (n, n, 3) logarithms of light, of red and of blue over green, blurred. edges: (n, n) change of them across
     the blur. fine: (n, n) fine structure. usual, spread: (3,) of the ground near by; texture: its fine structure.
     """
 
-    shades: Array
-    edges: Array
-    fine: Array
-    usual: Array
-    spread: Array
-    texture: float
-
-    @classmethod
-    def of(cls, image: Floats) -> _Layout:
-        """Return the layout of a panorama (h, w, 3)."""
+    def __init__(self, image: Floats) -> None:
         import cv2
 
+        # Read the plate where it shows a plane one height below the camera
         place = np.arange(-_REACH, _REACH, _CELL) + 0.5 * _CELL
         x, z = np.meshgrid(place, place)
         height, width = image.shape[:2]
@@ -437,18 +430,21 @@ class _Layout:
         around = np.concatenate([image, image[:, :1]], axis=1).astype(np.float32)
         where = ((column - 0.5).astype(np.float32), (row - 0.5).astype(np.float32))
         seen = cv2.remap(around, *where, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        # Take light and colour, the edges between them, and what is finer
         ground = np.log(np.maximum(seen, 0.0) + _DARK)
         light = np.log(np.maximum(luminance(seen), 0.0) + _DARK)
         shades = np.stack([light, *(_COLOR * (ground[..., k] - ground[..., 1]) for k in (0, 2))], axis=-1)
-        blurred = cv2.GaussianBlur(shades, (0, 0), _BLUR / _CELL).astype(np.float64)
-        change = np.stack(np.gradient(blurred, axis=(0, 1))) * (_BLUR / _CELL)
-        fine = np.abs(light - blurred[..., 0])
+        self.shades = cv2.GaussianBlur(shades, (0, 0), _BLUR / _CELL).astype(np.float64)
+        change = np.stack(np.gradient(self.shades, axis=(0, 1))) * (_BLUR / _CELL)
+        self.edges = np.sqrt(np.sum(change**2, axis=(0, -1)))
+        fine = np.abs(light - self.shades[..., 0])
+        self.fine: Array = cv2.blur(fine, (9, 9))
+        # Measure the ground near by, that other ground is compared with
         far = np.hypot(x, z)
         near = (far > _NEAR_GROUND[0]) & (far < _NEAR_GROUND[1])
-        usual = np.median(blurred[near], axis=0)
-        spread = np.maximum(1.48 * np.median(np.abs(blurred[near] - usual), axis=0), _LEAST_SPREAD)
-        edges = np.sqrt(np.sum(change**2, axis=(0, -1)))
-        return cls(blurred, edges, cv2.blur(fine, (9, 9)), usual, spread, float(np.median(fine[near])))
+        self.usual = np.median(self.shades[near], axis=0)
+        self.spread = np.maximum(1.48 * np.median(np.abs(self.shades[near] - self.usual), axis=0), _LEAST_SPREAD)
+        self.texture = float(np.median(fine[near]))
 
     def cells(self, azimuth: Array, ahead: Array, right: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the (row, column) of points ahead and to the right in some azimuths [rad], in camera heights.

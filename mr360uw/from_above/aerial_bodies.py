@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ from mr360uw.surface import SeaScene, SurfacePicture
 from mr360uw.surface.facet_draws import glitter
 from mr360uw.surface.intersection import sigma_at
 from mr360uw.surface.ray_kernel import RayStage, disc_of
-from mr360uw.types import Array, CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
+from mr360uw.types import Array, CausticStack, Floats, Layer, Rectangle, Sun, View
 
 
 def light_below(sea: SeaScene, floor_depth_m: float) -> Array:
@@ -168,10 +168,12 @@ class AerialBodies:
         """
         placed = tuple(o.at(time_s, frame, view.position, view.world_from_camera) for o in self.objects)
         extent = [o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1] for o in placed]
-        wet = self._shot(view, placed, self.below, self.table)
         lowest, highest = min(float(y.min()) for y in extent), max(float(y.max()) for y in extent)
+        wet, dry = (
+            Shot(view, placed, light, () if light.sun is None else (light.sun,), table)
+            for light, table in ((self.below, self.table), (self.above, None))
+        )
         wet = replace(wet, caustics=self._caustics(lowest, highest, time_s, caustics))
-        dry = self._shot(view, placed, self.above, None)
         cache = Cache()
         direct = render_layer(dry, cache) if highest > stage.sea.lowest_m else Layer(view.height, view.width, ())
         sides = WaterSides(wet, dry, stage.sea, self.table, False, self.sea.refractive_index)
@@ -179,11 +181,6 @@ class AerialBodies:
         ratio[floor.mask] = _ratio_on_floor(self.sea, stage, placed, floor)
         veil[floor.mask] += floor.veil
         return _with_shadow(cut_at_surface(sides, _ALL, direct, cache)[0], ratio, veil)
-
-    def _shot(
-        self, view: View, placed: tuple[PlacedObject, ...], light: Environment, table: MediumTable | None
-    ) -> Shot:
-        return Shot(view, placed, light, () if light.sun is None else (light.sun,), table)
 
     def _caustics(self, lowest: float, highest: float, time_s: float, settings: CausticSettings) -> CausticStack | None:
         """Return the caustics between the bodies' highest and lowest points."""
@@ -234,52 +231,33 @@ def brightened(layer: Layer, factor: Floats | float) -> Layer:
 # the picture alone.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class FloorSeen:
-    """The floor in n pixels. mask: (H, W) which. place: (n, 3) [m] in the world. footprint_m: (n,) of a pixel there.
-    veil: (n, 3) radiance that the water adds, through the surface.
+    """The floor where a camera in the air sees it, on the refracted rays of n pixels, and on those that miss the sea.
+
+    directions, origins: (H, W, 3) of the pixels' rays. mask: (H, W) which pixels. place: (n, 3) [m] in the world.
+    footprint_m: (n,) of a pixel there. veil: (n, 3) radiance that the water adds, through the surface. radiance:
+    (H, W, 3) that leaves the floor towards the camera, before the water, also where it is dry; zero without floor.
     """
 
-    mask: NDArray[np.bool_]
-    place: Array
-    footprint_m: Array
-    veil: Array
-
-
-def floor_through_waves(
-    stage: RayStage, view: View, seen: SurfacePicture, directions: Array, origins: Array
-) -> FloorSeen:
-    """Return the floor where a camera in the air sees it on the refracted rays of pixels.
-
-    directions, origins: (H, W, 3) of the pixels' rays.
-    """
-    mask = seen.surface & (seen.in_water_m > 0.0) & np.isfinite(seen.in_water_m)
-    d, normal, distance, wet = directions[mask], seen.normal[mask], seen.distance_m[mask], seen.in_water_m[mask]
-    bent = refract_clamped(d, normal, 1.0 / stage.refractive_index)
-    place = origins[mask] + distance[:, None] * d + wet[:, None] * bent
-    footprint = view.pixel_m + view.pixel_rad * (distance + wet / stage.refractive_index)
-    cosine = np.clip(-np.sum(d * normal, axis=-1), 0.0, 1.0)
-    through = (1.0 - fresnel(cosine, stage.refractive_index)) / stage.refractive_index**2
-    _, veil = stage.water.along(wet, np.minimum(bent[:, 1], 0.0), from_camera=False)
-    veil = np.asarray(veil * stage.water.about_sun(bent))
-    return FloorSeen(mask, place, footprint, through[:, None] * veil)
-
-
-def floor_radiance(
-    stage: RayStage, view: View, seen: SurfacePicture, wet: FloorSeen, directions: Array, origins: Array
-) -> Array:
-    """Return the radiance (H, W, 3) that leaves the floor towards the camera, before the water; zero without floor.
-
-    wet: the floor under the waves; the dry one is on the rays themselves.
-    """
-    out = np.zeros(directions.shape)
-    x, z = wet.place[:, 0], wet.place[:, 2]
-    out[wet.mask] = stage.floor_light.radiance(stage.floor, x, z, wet.footprint_m, False)
-    dry, distance = seen.floor, seen.distance_m[seen.floor]
-    place = origins[dry] + distance[:, None] * directions[dry]
-    footprint = view.pixel_m + view.pixel_rad * distance
-    out[dry] = stage.floor_light.radiance(stage.floor, place[:, 0], place[:, 2], footprint, True)
-    return out
+    def __init__(self, stage: RayStage, view: View, seen: SurfacePicture, directions: Array, origins: Array) -> None:
+        # Follow the refracted rays to the floor
+        mask = self.mask = seen.surface & (seen.in_water_m > 0.0) & np.isfinite(seen.in_water_m)
+        d, normal, distance, wet = directions[mask], seen.normal[mask], seen.distance_m[mask], seen.in_water_m[mask]
+        bent = refract_clamped(d, normal, 1.0 / stage.refractive_index)
+        self.place = origins[mask] + distance[:, None] * d + wet[:, None] * bent
+        self.footprint_m = view.pixel_m + view.pixel_rad * (distance + wet / stage.refractive_index)
+        cosine = np.clip(-np.sum(d * normal, axis=-1), 0.0, 1.0)
+        through = (1.0 - fresnel(cosine, stage.refractive_index)) / stage.refractive_index**2
+        _, veil = stage.water.along(wet, np.minimum(bent[:, 1], 0.0), from_camera=False)
+        self.veil = through[:, None] * np.asarray(veil * stage.water.about_sun(bent))
+        # Light the floor, which is on the rays themselves where it is dry
+        self.radiance = np.zeros(directions.shape)
+        x, z = self.place[:, 0], self.place[:, 2]
+        self.radiance[mask] = stage.floor_light.radiance(stage.floor, x, z, self.footprint_m, False)
+        dry, distance = seen.floor, seen.distance_m[seen.floor]
+        place = origins[dry] + distance[:, None] * directions[dry]
+        footprint = view.pixel_m + view.pixel_rad * distance
+        self.radiance[dry] = stage.floor_light.radiance(stage.floor, place[:, 0], place[:, 2], footprint, True)
 
 
 def reflected_radiance(stage: RayStage, view: View, seen: SurfacePicture, directions: Array) -> Array:

@@ -24,13 +24,7 @@ from mr360uw.base.sphere import direction_from_angles, directions, row_solid_ang
 from mr360uw.composite.shot import Receiver, load_objects, on_the_floor, on_the_sea
 from mr360uw.composite.tiles import over
 from mr360uw.errors import OutputExistsError, ParameterError
-from mr360uw.from_above.aerial_bodies import (
-    AerialBodies,
-    brightened,
-    floor_radiance,
-    floor_through_waves,
-    reflected_radiance,
-)
+from mr360uw.from_above.aerial_bodies import AerialBodies, FloorSeen, brightened, reflected_radiance
 from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, AerialWaterSettings
 from mr360uw.ibl.tilt import level_matrix
 from mr360uw.medium import Medium, Water
@@ -148,8 +142,7 @@ class LoadedAerial:
         # Follow the rays through the pixels' centres to the floor, and by the surface to the sky
         x, y = np.arange(view.width) + 0.5, np.arange(view.height)[:, None] + 0.5
         directions, origins = (np.asarray(rays(x, y), np.float64) for rays in (view.directions, view.origins))
-        floor = floor_through_waves(stage, view, seen, directions, origins)
-        below = floor_radiance(stage, view, seen, floor, directions, origins)
+        floor = FloorSeen(stage, view, seen, directions, origins)
         mirrored = reflected_radiance(mirroring, view, seen, directions)
         if apart and self.sea.sun is not None and not seen.camera_in_water:
             part = thresholded_reflection(directions, seen.normal, self.sea.sun, math.radians(reflection.threshold_deg))
@@ -160,7 +153,7 @@ class LoadedAerial:
         if self.bodies is not None:
             frame = round(time_s * self.scene.film.frame_rate)
             layer = self.bodies.layer(stage, view, floor, mirrored, time_s, frame, self.scene.caustics)
-        return seen, below, mirrored, layer
+        return seen, floor.radiance, mirrored, layer
 
 
 @checked

@@ -46,36 +46,28 @@ _MOST_BLUR = 0.7
 """Greatest standard deviation [pixels] of a blur by three taps; beyond, the middle one would vanish."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class FloorView:
-    """Pixels in which a frame shows a region, for one place and rotation of the camera.
+    """Pixels in which a frame shows a region, for a camera at `position` (3,), `rotation` (3, 3) world_from_camera.
 
-    rows: [first, last) of the frame that hold the region. x_m, z_m, footprint_m: (h, W) of these pixels on the floor,
-    the footprint as the side of a square of their area. column, row: (2 n, 2 n) where points of the region lie in the
-    picture of these rows with a border of one pixel, as `cv2.remap` takes them.
+    rows: of the frame that hold the region. x_m, z_m, footprint_m: (h, W) of these pixels on the floor, the footprint
+    as the side of a square of their area.
     """
 
-    rows: tuple[int, int]
-    x_m: Array
-    z_m: Array
-    footprint_m: Array
-    column: NDArray[np.float32]
-    row: NDArray[np.float32]
-
-    @classmethod
-    def of(cls, grid: FloorGrid, position: Floats, rotation: Floats, width: int, height: int) -> FloorView:
-        """Return the view of a region from a camera at `position` (3,), `rotation` (3, 3) world_from_camera."""
+    def __init__(self, grid: FloorGrid, position: Floats, rotation: Floats, width: int, height: int) -> None:
+        # Find where points of the region lie, in the picture of the rows that hold it with a border of one pixel
         x, z = grid.places(_FINER)
         ray = np.stack([x - position[0], np.full_like(x, grid.floor_y - position[1]), z - position[2]], axis=-1)
         column, row = frame_from_direction(ray @ rotation, width, height)
         first, last = max(int(row.min() - 0.5), 0), min(int(row.max() + 0.5) + 1, height)
+        self.rows = slice(first, last)
+        self._at = (column + 0.5).astype(np.float32), (row - first + 0.5).astype(np.float32)
+        # Find where these pixels lie on the floor
         pixels = direction_from_frame(np.arange(width) + 0.5, np.arange(first, last)[:, None] + 0.5, width, height)
         across, down, along = np.moveaxis(pixels @ np.asarray(rotation, np.float64).T, -1, 0)
         sine = np.maximum(-down, _LEAST_DOWN)
         distance = (position[1] - grid.floor_y) / sine
-        at = (column + 0.5).astype(np.float32), (row - first + 0.5).astype(np.float32)
-        footprint = distance * (np.pi / height) / np.sqrt(sine)
-        return cls((first, last), position[0] + distance * across, position[2] + distance * along, footprint, *at)
+        self.x_m, self.z_m = position[0] + distance * across, position[2] + distance * along
+        self.footprint_m = distance * (np.pi / height) / np.sqrt(sine)
 
     def read(self, picture: Any, blur: float = 0.0) -> NDArray[np.float32]:
         """Return the region (n, n, ...) in a picture (h, W, ...) of the rows. blur: standard deviation [pixels]."""
@@ -87,7 +79,7 @@ class FloorView:
             side = 0.5 * min(blur, _MOST_BLUR) ** 2
             taps = np.array([side, 1.0 - 2.0 * side, side])
             around = cv2.sepFilter2D(around, -1, taps, taps, borderType=cv2.BORDER_REPLICATE)
-        fine = cv2.remap(around, self.column, self.row, cv2.INTER_LINEAR)
+        fine = cv2.remap(around, *self._at, cv2.INTER_LINEAR)
         n = len(fine) // _FINER
         return np.asarray(fine.reshape(n, _FINER, n, _FINER, *fine.shape[2:]).mean(axis=(1, 3)))
 
@@ -211,7 +203,7 @@ def floor_series(
             if left:
                 continue
             view, up = views[number], places[number][1][1]
-            seen.append(view.read(frame.image_linear[slice(*view.rows)]))
+            seen.append(view.read(frame.image_linear[view.rows]))
             gains.append(fit_level(surroundings.medium, level_view(frame.pixels, up))[0])
             if number % -(-len(times) // _SUNS) == 0:
                 suns.append(surroundings.light.sun(frame.pixels, frame.time_s))
@@ -239,7 +231,7 @@ def _views(grid: FloorGrid, places: list[tuple[Floats, Floats]], width: int, hei
     views: list[FloorView] = []
     for k, place in enumerate(places):
         still = k > 0 and all(map(np.array_equal, places[k - 1], place))
-        views.append(views[-1] if still else FloorView.of(grid, *place, width, height))
+        views.append(views[-1] if still else FloorView(grid, *place, width, height))
     return tuple(views)
 
 

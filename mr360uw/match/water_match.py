@@ -99,17 +99,36 @@ _Veil = tuple[Changes, Array, float]
 """
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _View:
     """Open water of a plate: light (r, 3) of the rows of a patch, the y `up` (r,) of their directions, and its horizon.
 
-    frames: the light in each frame, of which `light` is the mean.
+    frames: the light in each frame, of which `light` is the mean. Raises `ParameterError` for a patch that is black or
+    no water.
     """
 
-    up: Array
-    light: Array
-    frames: tuple[Array, ...]
-    level: LevelView
+    def __init__(self, scene: Scene, patch: WaterPatch, frames: int | tuple[int, int]) -> None:
+        # Read the rows of the patch, and the horizon, in a few frames
+        start, stop = (frames, frames + 1) if isinstance(frames, int) else frames
+        camera = CameraPath.of(scene)
+        elevation, azimuth = _directions(patch)
+        self.frames, levels = list[Array](), []
+        with open_plate(scene) as video:
+            start, stop = video.check_range(start, stop)
+            chosen = np.unique(np.linspace(start, stop - 1, min(_MOST_FRAMES, stop - start)).astype(int))
+            for index in chosen:
+                frame = next(iter(video.frames(int(index), int(index) + 1)))
+                rotation = camera.at(frame.time_s)[1]
+                self.frames.append(_rows(frame, rotation, elevation, azimuth))
+                levels.append(level_view(frame.pixels, rotation[1]))
+        # Take their mean, if it may be water
+        self.up, self.light = np.sin(elevation), np.mean(self.frames, axis=0)
+        if float(self.light.max()) < _DARK:
+            raise ParameterError(
+                f"water - the patch is black (got {self.light.max():.2g} of white) - mark a lighter one"
+            )
+        if float(np.median(self.light[:, 0] / np.maximum(self.light[:, 1], _DARK))) > _MOST_RED:
+            raise ParameterError("water - the patch is redder than water (got more red than green) - mark open water")
+        self.level: LevelView = levels[0][0], np.mean([radiance for _, radiance in levels], axis=0)
 
     def veil(self, medium: Medium, gain: Floats, changes: Changes) -> _Veil:
         """Return the veil of a medium."""
@@ -139,7 +158,7 @@ def match_water(scene: Scene, patch: WaterPatch, frames: int | tuple[int, int] =
     water, depth = scene.water, scene.camera.depth_m
     if water.type == "none":
         return WaterMatch("Nothing is matched. The scene has no water; set water.type first.")
-    view = _read(scene, patch, frames)
+    view = _View(scene, patch, frames)
     # Compare the solved veils of all candidates with it, and with random draws of the frames
     tried = _candidates(water)
     media = {name: _medium(candidate, depth, "table") for name, candidate in tried.items()}
@@ -192,29 +211,6 @@ def _medium(water: WaterSettings, depth_m: float, mode: Mode) -> Medium:
     medium = water.model_copy(update={"bands": _BANDS, "mode": mode, "gain": (1.0, 1.0, 1.0)}).medium(depth_m)
     assert medium is not None
     return medium
-
-
-def _read(scene: Scene, patch: WaterPatch, frames: int | tuple[int, int]) -> _View:
-    """Return the mean over the frames; raise `ParameterError` for a patch that is black or no water."""
-    start, stop = (frames, frames + 1) if isinstance(frames, int) else frames
-    camera = CameraPath.of(scene)
-    elevation, azimuth = _directions(patch)
-    light, levels = [], []
-    with open_plate(scene) as video:
-        start, stop = video.check_range(start, stop)
-        chosen = np.unique(np.linspace(start, stop - 1, min(_MOST_FRAMES, stop - start)).astype(int))
-        for index in chosen:
-            frame = next(iter(video.frames(int(index), int(index) + 1)))
-            rotation = camera.at(frame.time_s)[1]
-            light.append(_rows(frame, rotation, elevation, azimuth))
-            levels.append(level_view(frame.pixels, rotation[1]))
-    measured = np.mean(light, axis=0)
-    if float(measured.max()) < _DARK:
-        raise ParameterError(f"water - the patch is black (got {measured.max():.2g} of white) - mark a lighter one")
-    if float(np.median(measured[:, 0] / np.maximum(measured[:, 1], _DARK))) > _MOST_RED:
-        raise ParameterError("water - the patch is redder than water (got more red than green) - mark open water")
-    level = levels[0][0], np.mean([radiance for _, radiance in levels], axis=0)
-    return _View(np.sin(elevation), measured, tuple(light), level)
 
 
 def _directions(patch: WaterPatch) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ from mr360uw.tune.controls import Button, Choice, Text, alert
 from mr360uw.tune.fields import in_words
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
-from mr360uw.tune.situation import SNAPSHOT, Compare, Drag, Marker, Situation, Viewer, situation
+from mr360uw.tune.situation import SNAPSHOT, Compare, Drag, Marker, Situation, Viewer
 
 _TOOLS = {
     "": "Click: nothing",
@@ -116,7 +116,7 @@ class PlaceTools:
     async def _ask(self) -> Situation:
         scene, index, time_s = self._document.scene, self._session.index, self._session.time_s
         job = self._session.pictures.ask(
-            lambda renderer: situation(renderer.preview, scene, index, time_s), urgent=True
+            lambda renderer: Situation(renderer.preview, scene, index, time_s), urgent=True
         )
         here: Situation = await asyncio.wrap_future(job)
         return here

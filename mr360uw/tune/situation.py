@@ -24,8 +24,7 @@ from mr360uw.tune.placing import Point, shown_at
 from mr360uw.types import Floats, View
 
 if TYPE_CHECKING:
-    from mr360uw.composite.settings import ObjectSettings
-    from mr360uw.composite.shot import PlacedObject, Receiver
+    from mr360uw.composite.shot import Receiver, SceneObject
     from mr360uw.preview.live import LivePreview
     from mr360uw.render.loaded import Loaded
     from mr360uw.render.plate_light import FrameLight
@@ -123,13 +122,13 @@ def _points(directions: Floats) -> list[Point]:
     return [Point(float(a), float(b)) for a, b in zip(longitude, latitude, strict=True)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SituatedObject:
     """An object as it is in a frame, and as the scene sets it. lifted: (3,) what the surface adds to its position."""
 
-    placed: PlacedObject
-    settings: ObjectSettings
-    lifted: Floats
+    def __init__(self, of_scene: SceneObject, view: View, index: int, time_s: float) -> None:
+        self.placed = of_scene.at(time_s, index, view.position, view.world_from_camera)
+        self.settings = of_scene.settings
+        self.lifted = of_scene.lifted(self.position.copy(), time_s)
 
     @property
     def position(self) -> Floats:
@@ -162,27 +161,31 @@ class SituatedObject:
         return at_rest | keyed
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Situation:
-    """A frame's camera, receiver (or None), and objects. edge: lines around the receiver.
+    """A frame's camera, receiver (or None), objects and marks. edge: lines around the receiver.
 
-    lamps: their positions (3,) in the world; None of those that go with the camera or an object. plate_m: returns the
-    distance [m] of what the plate shows in a direction (3,) in the camera's axes, infinite where none is sure.
+    lamps: their positions (3,) in the world; None of those that go with the camera or an object. Raises what loading
+    the scene raises.
     """
 
-    camera: View
-    receiver: Receiver | None
-    bodies: tuple[SituatedObject, ...]
-    lamps: tuple[Floats | None, ...]
-    marks: tuple[Marker, ...]
-    edge: tuple[tuple[Point, ...], ...]
-    plate_m: Callable[[Floats], float] | None = None
+    def __init__(self, preview: LivePreview, scene: Scene, index: int, time_s: float) -> None:
+        loaded = preview.loaded(coarse(scene), COARSE_WIDTH).at(time_s)  # as the draft is: loaded already
+        view = self.camera = loaded.view(time_s)
+        self.bodies = [SituatedObject(one, view, index, time_s) for one in loaded.objects]
+        self.receiver = None if loaded.receiver is None else loaded.receiver.at(index)
+        self.edge = [] if self.receiver is None else receiver_edge(view, self.receiver)
+        self.lamps = [
+            lamp.at(time_s, view, ()).position if lamp.settings.attach == "world" else None for lamp in loaded.lamps
+        ]
+        self.marks = markers(loaded, time_s, index, None)
+        self._plate_depth, self._index = loaded.plate_depth, index
 
     def standing(self, number: int, point: Point) -> Floats:
         """Return the position setting of an object that stands where a point shows the plate, if `plate.depth` is sure
         of the distance there, else the receiver.
         """
-        shown_m = np.inf if self.plate_m is None else self.plate_m(point.direction)
+        depth = self._plate_depth
+        shown_m = np.inf if depth is None else float(depth.toward(self._index, point.direction))
         if np.isfinite(shown_m):
             on_it = placing.stand_on_shown(self.camera, point, shown_m, *self.bodies[number].shape)
             return self.setting_of(number, on_it)
@@ -249,25 +252,6 @@ class Situation:
                 f"sun - is below the horizon there (got {below:.1f} deg) - click higher, or level the camera first"
             )
         return float(np.degrees(np.arctan2(x, -z))), float(np.degrees(np.arcsin(np.clip(y, -1.0, 1.0))))
-
-
-def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> Situation:
-    """Return the situation of a frame; raises what loading the scene raises."""
-    loaded = preview.loaded(coarse(scene), COARSE_WIDTH).at(time_s)  # as the draft is: loaded already
-    view = loaded.view(time_s)
-    bodies = []
-    for one in loaded.objects:
-        placed = one.at(time_s, index, view.position, view.world_from_camera)
-        lifted = one.lifted(placed.world_from_object[:3, 3].copy(), time_s)
-        bodies.append(SituatedObject(placed, one.settings, lifted))
-    receiver = None if loaded.receiver is None else loaded.receiver.at(index)
-    edge = () if receiver is None else tuple(map(tuple, receiver_edge(view, receiver)))
-    lamps = tuple(
-        lamp.at(time_s, view, ()).position if lamp.settings.attach == "world" else None for lamp in loaded.lamps
-    )
-    marks, depth = tuple(markers(loaded, time_s, index, None)), loaded.plate_depth
-    plate_m = None if depth is None else lambda direction: float(depth.toward(index, direction))
-    return Situation(view, receiver, tuple(bodies), lamps, marks, edge, plate_m)
 
 
 # The viewer: an element of the tuning page that shows a picture, flat or around the viewer, and takes clicks on it.

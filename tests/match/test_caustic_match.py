@@ -45,8 +45,8 @@ def test_a_floor_is_seen_from_above_wherever_the_camera_is_and_looks(
     pitch = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     position, rotation = np.array([place[0], HEIGHT_M, place[1]]), yaw_matrix(np.radians(yaw_deg)) @ pitch
     grid = FloorGrid(0.0, 0.0, 3.2, 0.0, 64)
-    view = FloorView.of(grid, position, rotation, 1024, 512)
-    seen = view.read(checkerboard(position, rotation, 0.4).image_linear[slice(*view.rows)])
+    view = FloorView(grid, position, rotation, 1024, 512)
+    seen = view.read(checkerboard(position, rotation, 0.4).image_linear[view.rows])
     x, z = grid.places()
     dark = (np.floor(x / 0.4) + np.floor(z / 0.4)) % 2.0
     # squares of eight pixels; those at an edge mix, which a bilinear read of 1.2 cm to 3 cm footprints widens
@@ -117,7 +117,7 @@ def floor(depth_m: float = 5.0) -> ModelledFloor:
     """Return a small floor under a high sun."""
     grid = FloorGrid(0.0, 0.0, 6.0, 0.0, 48)
     times = np.arange(6) / 6.0
-    view = FloorView.of(grid, np.array([0.0, 1.5, 0.0]), np.eye(3), 128, 64)
+    view = FloorView(grid, np.array([0.0, 1.5, 0.0]), np.eye(3), 128, 64)
     return ModelledFloor((view,) * 6, grid.pixel_m, times, depth_m, direction_from_angles(0.5, 1.1), 0.6, 1.0)
 
 
@@ -190,7 +190,7 @@ def test_a_moving_camera_sees_the_same_floor() -> None:
     """Through other pixels, each an average over its own footprint: nearly the same pattern."""
     grid = FloorGrid(0.0, 0.0, 6.0, 0.0, 48)
     here, there = (
-        FloorView.of(grid, np.array([x, 1.5, 0.0]), yaw_matrix(turn), 256, 128) for x, turn in ((0.0, 0.0), (0.3, 1.0))
+        FloorView(grid, np.array([x, 1.5, 0.0]), yaw_matrix(turn), 256, 128) for x, turn in ((0.0, 0.0), (0.3, 1.0))
     )
     sea = GerstnerSea(tile_m=8.0, detail_slope=0.02, shortest_wavelength_m=0.8)
     one, other = (

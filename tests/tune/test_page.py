@@ -23,7 +23,7 @@ from mr360uw.preview.screen import encoded
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import load_scene
 from mr360uw.tune import placing
-from mr360uw.tune.situation import situation
+from mr360uw.tune.situation import Situation
 from tests.gate import HANG_S
 from tests.tune.browser import chromium, started
 
@@ -392,7 +392,7 @@ def test_an_object_stands_where_the_picture_is_clicked(page: Page) -> None:
     tab.page.keyboard.press("Control+s")
     tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
     with LivePreview("reference") as preview:
-        here = situation(preview, load_scene(page.scene), 0, 0.0)
+        here = Situation(preview, load_scene(page.scene), 0, 0.0)
     body = here.bodies[0]
     foot = body.position + placing.foot(*body.shape)
     u, v = placing.pixel_of_point(placing.shown_at(here.camera, foot)[0], WIDTH, HEIGHT)

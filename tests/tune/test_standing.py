@@ -14,7 +14,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.preview.live import LivePreview
 from mr360uw.tune import placing
 from mr360uw.tune.placing import Point
-from mr360uw.tune.situation import situation
+from mr360uw.tune.situation import Situation
 from tests.depth.own_maps import write_own_maps
 from tests.scenes import scene_with
 from tests.test_stereo import two_eyes
@@ -32,7 +32,7 @@ def test_an_object_stands_on_the_rock_that_is_clicked(tmp_path: Path, whale: Pat
     scene = scene_with(
         tmp_path, whale, plate={"path": str(plate), "eye": "left", "depth": str(folder)}, water={"type": "none"}
     )
-    here = situation(LivePreview(), scene, 0, 0.0)
+    here = Situation(LivePreview(), scene, 0, 0.0)
     for longitude in (-0.4, 0.9, 2.5):
         point = Point(longitude, -0.35)
         body = here.bodies[0]
@@ -66,4 +66,4 @@ def test_sizes_are_what_the_scene_says(
     table = {"path": str(plate), "eye": "left"}
     scene = scene_with(tmp_path, None, plate=table, water={"type": "none"}, object=[body])
     with LivePreview("reference") as preview:
-        assert situation(preview, scene, 0, 0.0).bodies[0].sizes == sizes
+        assert Situation(preview, scene, 0, 0.0).bodies[0].sizes == sizes
