@@ -28,9 +28,9 @@ from mr360uw.tune.views import round_length
 Kind = Literal["number", "integer", "choice", "switch", "vector", "colour", "path", "text", "toml"]
 """toml: lists, tables, and values of several types, written as in a scene file."""
 
-WORDS: dict[str, Any] = tomllib.loads((resources.files("mr360uw.tune") / "words.toml").read_text("utf-8"))
-"""Labels, titles, everyday words, ranges of sliders and presets."""
-FIRST: dict[str, str] = WORDS["first"]
+CONTROLS: dict[str, Any] = tomllib.loads((resources.files("mr360uw.tune") / "controls.toml").read_text("utf-8"))
+"""Labels, titles, everyday words, ranges of sliders, what parameters count beside, and presets."""
+FIRST: dict[str, str] = CONTROLS["first"]
 """The controls that decide most of the look, with their labels; keys without the number of a list's entry."""
 
 _UNIT_SUFFIXES = ("_mg_m3", "_cd_m2", "_deg", "_rad", "_m", "_s", "_px", "_k")
@@ -98,7 +98,7 @@ def groups() -> tuple[Group, ...]:
             own = [(n, f.alias or n, f) for n, f in model.model_fields.items() if not stated(f, "internal")]
             kinds[kind] = tuple(_field(key, word, f, tags if n == tag else (), changes) for n, word, f in own)
         optional, repeated = field.default is None, isinstance(field.default, tuple)
-        title = WORDS["titles"].get(key, _label(key))
+        title = CONTROLS["titles"].get(key, _label(key))
         found.append(Group(key, title, field.description or "", repeated, optional, tag, kinds))
     return tuple(found)
 
@@ -136,7 +136,7 @@ def _field(table: str, key: str, field: FieldInfo, tags: tuple[str, ...], change
         None if default is None else toml_value(default), bounds_text(field), low, high, span, logarithmic,
         1.0 if span is None or kind == "integer" else _step(span, default, logarithmic), optional, field.is_required(),
         choices, len(get_args(options[0])) if kind in ("vector", "colour") else 0, changes,
-        " ".join(WORDS["everyday"].get(part, "") for part in path.split(".")),
+        " ".join(CONTROLS["everyday"].get(part, "") for part in path.split(".")),
     )  # fmt: skip
 
 
@@ -178,8 +178,8 @@ def _span(
 ) -> tuple[tuple[float, float], bool]:
     """Return the range of a slider, and whether it is logarithmic."""
     middle = float(default) if isinstance(default, int | float) and default > 0 else 1.0
-    if key in WORDS["spans"]:
-        start, end = WORDS["spans"][key]
+    if key in CONTROLS["spans"]:
+        start, end = CONTROLS["spans"][key]
         start, end = start if low is None else max(start, low), end if high is None else min(end, high)
     elif low is not None and high is not None:
         start, end = low, high
@@ -322,33 +322,6 @@ def _rounded(value: Any) -> Any:
 _SAID = {"position_m": POLAR, "scale": ("size_m",)}
 """Words of an object that are used where none of others, which say the same, is in the file."""
 
-_EFFECTIVE: dict[str, tuple[str, tuple[Any, ...]]] = {
-    **dict.fromkeys(("light.sun_azimuth_deg", "light.sun_elevation_deg"), ("light.sun", ("given",))),
-    **dict.fromkeys(("light.sun_time", "light.place_deg", "light.heading_deg"), ("light.sun", ("date",))),
-    "light.direct_to_diffuse": ("light.operator", ("closure",)),
-    "water.chlorophyll_mg_m3": ("water.type", ("chlorophyll",)),
-    "water.csv": ("water.type", ("csv",)),
-    "camera.ipd_m": ("plate.eye", ("both",)),
-    "plate.lut_to": ("plate.lut", ()),
-    "receiver.height_m": ("receiver.kind", ("plane",)),
-    **dict.fromkeys(("caustics.size", "caustics.grid", "caustics.chromatic"), ("caustics.enabled", (True,))),
-    "caustics.sun_half_angle_rad": ("caustics.enabled", (True,)),
-    "shafts.strength": ("shafts.mode", ("auto", "on")),
-    "shafts.on_plate": ("shafts.mode", ("auto", "on")),
-    **dict.fromkeys(("snow.exponent", "snow.sizes_mm", "snow.range_m", "snow.current_m_s"), ("snow.amount", ())),
-    "draw.shutter": ("draw.motion_samples", ()),
-    "object.front": ("object.face", ()),
-}
-"""For parameters that count only beside another one: that, and its values at which they do; () for any that is set and
-is not its default."""
-_FOLLOWS = (
-    "light.sun_azimuth_deg",
-    "light.sun_elevation_deg",
-    "water.chlorophyll_mg_m3",
-    "caustics.sun_half_angle_rad",
-)
-"""Those of them that take the first such value along when they are set: a file or a date would have to be asked for."""
-
 
 def unsaid(table: Mapping[str, Any]) -> list[str]:
     """Return the words of an object's table that the other way of saying the same stands for."""
@@ -392,14 +365,14 @@ Values = Callable[[str], tuple[Any, Any]]
 
 def without_effect(key: str, values: Values) -> str:
     """Return what leaves a parameter of a dotted key, without numbers, without effect; "" where it counts."""
-    if key not in _EFFECTIVE:
+    if key not in CONTROLS["effective"]:
         return ""
-    other, effective = _EFFECTIVE[key]
+    other, *effective = CONTROLS["effective"][key]
     now, default = values(other)
     return "" if (now in effective if effective else now != default) else other
 
 
 def set_along(key: str, values: Values) -> dict[str, Any]:
     """Return what else is set with a parameter of a dotted key so that it has an effect."""
-    other = without_effect(key, values) if key in _FOLLOWS else ""
-    return {other: _EFFECTIVE[key][1][0]} if other else {}
+    other = without_effect(key, values) if key in CONTROLS["along"]["keys"] else ""
+    return {other: CONTROLS["effective"][key][1]} if other else {}

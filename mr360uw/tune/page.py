@@ -100,7 +100,7 @@ class TunePage:
 # The page's header: file, unsaved mark, undo, redo, save, presets, snapshots, dark or light.
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    name: {"water.visibility_m": None, **values} for name, values in fields.WORDS["presets"].items()
+    name: {"water.visibility_m": None, **values} for name, values in fields.CONTROLS["presets"].items()
 }
 """Values of dotted keys, by the preset's name; None: as it is by default."""
 
