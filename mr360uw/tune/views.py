@@ -385,13 +385,17 @@ _STEPS = 96
 """Points of a path."""
 
 
-@dataclass(frozen=True, slots=True)
 class _Paper:
-    """A picture and its scale. middle: (2,) [m] over (x, z), at its centre. metre_px: pixels to a metre."""
+    """A picture and its scale, on which points (n, 3) of the world have room. color: of its ground.
 
-    image: Codes
-    middle: Floats
-    metre_px: float
+    middle: (2,) [m] over (x, z), at its centre. metre_px: pixels to a metre.
+    """
+
+    def __init__(self, points: Floats, color: Color) -> None:
+        low, high = points[:, ::2].min(axis=0), points[:, ::2].max(axis=0)
+        reach = max(0.5 * float(np.max(high - low)), _LEAST_REACH_M)
+        self.image: Codes = np.full((_CHART_SIDE, _CHART_SIDE, 3), color, np.uint8)
+        self.middle, self.metre_px = 0.5 * (low + high), (0.5 * _CHART_SIDE - _ROOM) / reach
 
     def pixel(self, points: Floats) -> Floats:
         """Return the places (..., 2) [px] of points (..., 3) in the world: right = +x, down = +z."""
@@ -428,11 +432,9 @@ def _plan_chart(shown: ShownFrame) -> Codes:
     view = loaded.view(shown.time_s)
     lamps = [lamp.at(shown.time_s, view, shown.placed) for lamp in loaded.lamps]
     # Scale the paper so that all of it fits
-    everything = np.concatenate([camera, *paths, *outlines, *(lamp.position[None] for lamp in lamps)])[:, ::2]
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    reach = max(0.5 * float(np.max(high - low)), _LEAST_REACH_M)
-    image = np.full((_CHART_SIDE, _CHART_SIDE, 3), palette.back, np.uint8)
-    paper = _Paper(image, 0.5 * (low + high), (0.5 * _CHART_SIDE - _ROOM) / reach)
+    everything = np.concatenate([camera, *paths, *outlines, *(lamp.position[None] for lamp in lamps)])
+    paper = _Paper(everything, palette.back)
+    image = paper.image
     _grid(paper, palette.line)
     _receiver(paper, shown)
     # Draw bodies, lamps, the camera and the sun over the grid and the receiver
