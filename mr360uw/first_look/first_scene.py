@@ -198,7 +198,9 @@ def make_first_scene(
         wish = replace(wish, depth=_distances_of_eyes(video, folder, plate.size[0], progress))
     shown_m = None
     if wish.depth is not None:
-        maps = _maps_of(wish.depth, plate)
+        from mr360uw.depth.occlusion import PlateDepth  # whose kernels most plates have no use for
+
+        maps = PlateDepth(wish.depth, right=plate.eye == "right")
         wish = wish if maps.of_both_eyes else replace(wish, eye=plate.eye)
         below_m, shown_m = _shown_by(maps, plate, wish.track)
         floor = floor if below_m is None else (below_m, "by the distances of the plate")
@@ -290,13 +292,6 @@ def _distances_of_eyes(video: Path, folder: Path, columns: int, progress: Progre
         return None
     depth_of_eyes(video, folder, progress=progress)
     return folder
-
-
-def _maps_of(depth: Path, plate: PlateLook) -> PlateDepth:
-    """Return the maps of a folder, for the eye that a plate was looked at with."""
-    from mr360uw.depth.occlusion import PlateDepth  # whose kernels most plates have no use for
-
-    return PlateDepth(depth, right=plate.eye == "right")
 
 
 def _shown_by(maps: PlateDepth, plate: PlateLook, track: Path | None) -> tuple[float | None, ShownDistance]:

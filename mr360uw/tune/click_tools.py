@@ -19,7 +19,6 @@ from typing import Any, cast
 import cv2
 import numpy as np
 from nicegui import background_tasks, ui
-from numpy.typing import NDArray
 
 from mr360uw.base.files import is_pattern, numbered, write_whole
 from mr360uw.base.input_files import stamp
@@ -449,10 +448,9 @@ class LassoTool:
         with self._busy("finding its edges"):
             if scene.plate.eye == "both":
                 raise ParameterError('matte - is of one eye (got plate.eye = "both") - set one eye, or give a file')
-            job = session.pictures.ask(
-                lambda renderer: picture_codes(renderer.preview.plates.at(scene, index, width), deep=False)
+            codes = await session.ask(
+                lambda renderer: picture_codes(renderer.plates.at(scene, index, width), deep=False)
             )
-            codes: NDArray[Any] = await asyncio.wrap_future(job)
             data = png(await asyncio.to_thread(matte_of_lines, codes, lines))
             name = self._name or free_name(self._folder)
             await self._check_own(name, index)

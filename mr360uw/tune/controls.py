@@ -255,17 +255,17 @@ class ControlPanel(Element, component="controls.js"):
         super().__init__()
         self._in_words, self._words = in_words, dict[str, Any]()
         self._session, self._document = session, session.document
-        tables = groups()
+        document, tables = session.document, groups()
         self._fields = by_key(tables)
         self._props["spec"] = to_jsonable_python(tables, fallback=str)
         self._props["first"] = list(FIRST)
         self.on("change", self._changed)
         self.on("reset", self._reset)
-        self.on("add", self._added)
-        self.on("remove", lambda event: self._try(lambda: self._document.unset(event.args["key"])))
+        self.on("add", lambda event: self._try(lambda: document.append(event.args["key"], event.args["table"])))
+        self.on("remove", lambda event: self._try(lambda: document.unset(event.args["key"])))
         self.on("mark", lambda event: self._try(lambda: mark(event.args["key"], self._default_of(event.args["key"]))))
         self.on("choose", lambda event: choose(event.args["key"], event.args["number"]))
-        self.on("settle", lambda _: session.settle())
+        self.on("settle", lambda _: session.pictures.settle())
         self._props["begin"] = self._state()
 
     def refresh(self) -> None:
@@ -340,9 +340,6 @@ class ControlPanel(Element, component="controls.js"):
         field = self._field(event.args["key"])
         default = None if field is None else field.default_text or "..."
         self._try(lambda: self._document.unset(event.args["key"], default))
-
-    def _added(self, event: GenericEventArguments) -> None:
-        self._try(lambda: self._document.append(event.args["key"], event.args["table"]))
 
     def _try(self, action: Callable[[], object]) -> None:
         try:

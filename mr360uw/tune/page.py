@@ -20,16 +20,11 @@ from mr360uw.tune.place_tools import PlaceTools, ShownPicture
 from mr360uw.tune.session import Event, Session
 
 
-def build_page(session: Session) -> None:
-    """Build the page of one tab and keep it in step with the session until the tab is closed."""
-    ui.add_head_html('<link rel="stylesheet" href="/tune/page.css"><script src="/tune/page.js" defer></script>')
-    TunePage(session)
-
-
 class TunePage:
-    """One tab."""
+    """The page of one tab, which is in step with the session until the tab is closed."""
 
     def __init__(self, session: Session) -> None:
+        ui.add_head_html('<link rel="stylesheet" href="/tune/page.css"><script src="/tune/page.js" defer></script>')
         self.session, self.document, self._begun = session, session.document, False
         self.client = ui.context.client
         with ui.element("div").classes("page") as self.root:

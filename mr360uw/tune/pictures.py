@@ -75,49 +75,41 @@ _SHORT = 300
 _THUMBNAIL_WIDTH = 160
 
 
-class PageRenderer:
-    """A live preview and its pictures, for the thread that made it. backend: "auto", "gl" or "reference"."""
-
-    def __init__(self, backend: str = "auto") -> None:
-        self.preview = LivePreview(backend)
+class PageRenderer(LivePreview):
+    """A live preview with the pictures of the page."""
 
     def picture(self, wanted: Wanted, width: int) -> MadePicture:
         """Return a picture of about a width, without its number and kind; raises what `LivePreview.frame` raises."""
-        preview = self.preview
         draft = width <= COARSE_WIDTH and width < wanted.width
         scene = coarse(wanted.scene) if draft else wanted.scene
-        frame = preview.frame(scene, wanted.index, width, holds_light=draft)
-        loaded = preview.loaded(scene, width).at(frame.plate.time_s)
-        plate = preview.plates.reader(wanted.scene)
+        frame = self.frame(scene, wanted.index, width, holds_light=draft)
+        loaded = self.loaded(scene, width).at(frame.plate.time_s)
+        plate = self.plates.reader(wanted.scene)
         duration_s = float((plate.frame_count or 0) / plate.frame_rate)
-        shown = ShownFrame(frame, loaded, preview.backend, duration_s, wanted.dark)
+        shown = ShownFrame(frame, loaded, self.backend, duration_s, wanted.dark)
         codes = VIEWS[wanted.view](shown)
-        size, measured = (codes.shape[1], codes.shape[0]), preview.has_measured(scene, width)
+        size, measured = (codes.shape[1], codes.shape[0]), self.has_measured(scene, width)
         return MadePicture(wanted, *size, encoded(codes, ".jpg"), wanted.view not in CHARTS, measured)
 
     def stand_in(self, wanted: Wanted) -> int:
         """Return the frame to show while the one that is wanted is decoded, or that one."""
         try:
-            return self.preview.plates.soonest(wanted.scene, wanted.index, wanted.draft_width)
+            return self.plates.soonest(wanted.scene, wanted.index, wanted.draft_width)
         except (Mr360uwError, OSError):  # the picture says it
             return wanted.index
 
     def plate(self, scene: Scene, index: int, width: int) -> bytes:
         """Return a frame of a scene's plate as JPEG; raise `VideoError`."""
-        return encoded(picture_codes(self.preview.plates.at(scene, index, width), deep=False), ".jpg")
+        return encoded(picture_codes(self.plates.at(scene, index, width), deep=False), ".jpg")
 
     def thumbnails(self, scene: Scene, count: int) -> list[tuple[int, bytes]]:
         """Return (frame, JPEG) of up to `count` small frames of a scene's plate; raise `VideoError`."""
-        made = self.preview.plates.overview(scene, count, _THUMBNAIL_WIDTH)
-        length = self.preview.plates.reader(scene).frame_count or 1
+        made = self.plates.overview(scene, count, _THUMBNAIL_WIDTH)
+        length = self.plates.reader(scene).frame_count or 1
         if len(made) < count and length <= _SHORT:
             frames = np.unique(np.linspace(0, length - 1, count).astype(int)).tolist()
-            made = [self.preview.plates.at(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]
+            made = [self.plates.at(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]
         return [(frame.index, encoded(picture_codes(frame, deep=False), ".jpg")) for frame in made]
-
-    def close(self) -> None:
-        """Let go of everything."""
-        self.preview.close()
 
 
 REST_S = 0.15

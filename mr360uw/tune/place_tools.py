@@ -115,11 +115,7 @@ class PlaceTools:
 
     async def _ask(self) -> Situation:
         scene, index, time_s = self._document.scene, self._session.index, self._session.time_s
-        job = self._session.pictures.ask(
-            lambda renderer: Situation(renderer.preview, scene, index, time_s), urgent=True
-        )
-        here: Situation = await asyncio.wrap_future(job)
-        return here
+        return await self._session.ask(lambda renderer: Situation(renderer, scene, index, time_s), urgent=True)
 
     def _mark(self) -> None:
         here = self._situation
@@ -137,11 +133,10 @@ class PlaceTools:
         for button in (self._face, self._go, *self._trims):
             button.enable(bool(here is not None and here.bodies))
         if here is not None:
-            words = {f"object.{k}": here.words(k, level=self._stands(k)) for k in range(len(here.bodies))}
+            keys = [f"object.{number}" for number in range(len(here.bodies))]
+            stands = [self._document.get(f"{key}.stand_on") is not None for key in keys]
+            words = {key: here.words(k, level=stands[k]) for k, key in enumerate(keys)}
             self._show_words({f"{at}.{word}": value for at, of in words.items() for word, value in of.items()})
-
-    def _stands(self, number: int) -> bool:
-        return self._document.get(f"object.{number}.stand_on") is not None
 
     def set_word(self, number: int, name: str, value: Any, group: str | None) -> bool:
         """Set a word of an object's place or size, in place of those that say the same; return False where nothing but
@@ -228,7 +223,7 @@ class PlaceTools:
                 self._put(f"lamp.{number}.position_m", _vector(here.lamp_at(number, point)), group)
             if drag.phase in ("end", "cancel"):
                 self._drag = None
-                self._session.settle()
+                self._session.pictures.settle()
 
     def _drag_object(self, drag: Drag, here: Situation, number: int, group: str) -> None:
         body = here.bodies[number]
@@ -386,7 +381,6 @@ class ShownPicture:
     async def _show_plate(self) -> None:
         session = self._session
         scene, index, width = session.document.scene, session.index, session.width
-        job = session.pictures.ask(lambda renderer: renderer.plate(scene, index, width))
-        data: bytes = await asyncio.wrap_future(job)
+        data = await session.ask(lambda renderer: renderer.plate(scene, index, width))
         if self._compared == "plate":
             self.viewer.show_other(f"/picture/{session.replaced('plate', data)}", "plate")

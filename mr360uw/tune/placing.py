@@ -119,13 +119,6 @@ def stand_at(
     return position + np.array([0.0, _sunk(body, receiver.mesh), 0.0])
 
 
-def stand_on_shown(
-    camera: View, point: Point, distance_m: float, hull: Floats, rotation: Floats, scale: float = 1.0
-) -> Floats:
-    """Return the position (3,) of an object whose foot is where a point shows the plate, at a known distance [m]."""
-    return at_distance(camera, point, distance_m) - foot(hull, rotation, scale)
-
-
 def _sunk(body: Floats, ground: Floats) -> float:
     """Return the height [m] by which a convex body (h, 3, 3) must rise to stand on triangles (T, 3, 3); may be < 0."""
     low, high = body.reshape(-1, 3).min(axis=0), body.reshape(-1, 3).max(axis=0)

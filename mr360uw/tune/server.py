@@ -35,7 +35,7 @@ from mr360uw.render.frame import check_backend
 from mr360uw.scene.resolved import open_plate
 from mr360uw.tune.controls import TOLD
 from mr360uw.tune.document import Document
-from mr360uw.tune.page import build_page
+from mr360uw.tune.page import TunePage
 from mr360uw.tune.pictures import MadePicture, PageRenderer, Pictures
 from mr360uw.tune.session import Session
 from mr360uw.video import VideoReader
@@ -191,7 +191,7 @@ def _application(document: Document, clip: VideoReader, backend: str, ready: Cal
 
     @ui.page("/", response_timeout=20.0)
     def page() -> None:
-        build_page(held[0])
+        TunePage(held[0])
         if held[0].picture is None:
             ui.context.client.on_connect(held[0].show)  # only then: what draws takes a second to load
 

@@ -22,7 +22,7 @@ from mr360uw.scene.model import Scene, load_scene
 from mr360uw.scene.toml_model import dotted, scene_text, tables_of
 from mr360uw.tune.document import Document, Observed, find, key_of
 from mr360uw.tune.fields import Field, by_key, groups, without_numbers
-from mr360uw.tune.pictures import MadePicture, Pictures, Wanted
+from mr360uw.tune.pictures import MadePicture, PageRenderer, Pictures, T, Wanted
 from mr360uw.tune.views import VIEW_NAMES
 from mr360uw.video import VideoReader
 
@@ -142,10 +142,6 @@ class Session(Observed):
         """Ask for a picture of the present state. full: at full size. moving: that can wait until nothing changes."""
         self.pictures.want(self._wanted(full=full), moving=moving)
 
-    def settle(self) -> None:
-        """Say that a drag has ended: the picture at full size need not wait for other changes."""
-        self.pictures.settle()
-
     def seek(self, index: int, *, scrubbing: bool = False, playing: bool = False) -> None:
         """Show another frame of the clip, the nearest there is; at once where it was made before, and is as it was.
 
@@ -201,8 +197,7 @@ class Session(Observed):
         """
         scene = self.document.scene
         analysis = await asyncio.to_thread(_measured, scene, progress)
-        job = self.pictures.ask(lambda renderer: renderer.preview.take_analysis(scene, analysis), urgent=True)
-        await asyncio.wrap_future(job)
+        await self.ask(lambda renderer: renderer.take_analysis(scene, analysis), urgent=True)
         self.show()
 
     async def make_thumbnails(self) -> None:
@@ -210,14 +205,17 @@ class Session(Observed):
         if self._asked_thumbnails:
             return
         self._asked_thumbnails, scene = True, self.document.scene
-        job = self.pictures.ask(lambda renderer: renderer.thumbnails(scene, _THUMBNAILS))
         try:
-            made: list[tuple[int, bytes]] = await asyncio.wrap_future(job)
+            made = await self.ask(lambda renderer: renderer.thumbnails(scene, _THUMBNAILS))
         except (Mr360uwError, OSError):  # the picture's own message says why; the next tab tries again
             self._asked_thumbnails = False
             return
         self.thumbnails = {frame: self.pictures.store(data) for frame, data in made}
         self._tell("thumbnails")
+
+    async def ask(self, job: Callable[[PageRenderer], T], *, urgent: bool = False) -> T:
+        """Return what a function of the renderer returns, run in the renderer's thread; see `Pictures.ask`."""
+        return await asyncio.wrap_future(self.pictures.ask(job, urgent=urgent))
 
     def take(self, picture: MadePicture) -> None:
         """Take a picture that was made."""

@@ -187,7 +187,8 @@ class Situation:
         depth = self._plate_depth
         shown_m = np.inf if depth is None else float(depth.toward(self._index, point.direction))
         if np.isfinite(shown_m):
-            on_it = placing.stand_on_shown(self.camera, point, shown_m, *self.bodies[number].shape)
+            foot = placing.foot(*self.bodies[number].shape)
+            on_it = placing.at_distance(self.camera, point, shown_m) - foot
             return self.setting_of(number, on_it)
         if self.receiver is None:
             raise ParameterError("receiver - is not in the scene (got none) - add the sea floor first")

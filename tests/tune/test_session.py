@@ -136,7 +136,7 @@ def test_full_pictures_wait_while_a_value_is_dragged_alone(session: Session) -> 
     assert not studio.moving
     session.document.set("camera.depth_m", 8.0, group="a drag")
     assert studio.moving
-    session.settle()
+    session.pictures.settle()
     assert not studio.moving
     session.document.set("camera.depth_m", 9.0, group="a drag")
     session.document.undo()
