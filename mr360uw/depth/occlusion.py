@@ -7,7 +7,6 @@ A map of another size is enlarged along the edges of the picture (`enlarging`), 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from mr360uw.composite.receiver.shape import ReceiverShape, inverse_distance, ru
 from mr360uw.composite.shot import Receiver
 from mr360uw.depth.depth_files import DepthClip, Kind
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
-from mr360uw.depth.warping import Map, resized
+from mr360uw.depth.warping import Map, of_windows, resized
 from mr360uw.jit import fast, inlined
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.types import Floats, View
@@ -159,13 +158,8 @@ def _between_sure(inverse: Map, sure: NDArray[np.bool_]) -> NDArray[np.bool_]:
     import cv2
 
     side = width_px(_ABOUT_DEG, sure.shape[1])
-    half, window = side // 2, np.ones((side, side), np.uint8)
-
-    def of_windows(extreme: Callable[..., Any], nothing: float) -> Map:
-        wide = cv2.copyMakeBorder(np.where(sure, inverse, np.float32(nothing)), 0, 0, half, half, cv2.BORDER_WRAP)
-        return np.asarray(extreme(wide, window)[:, half : half + sure.shape[1]])
-
-    least, most = of_windows(cv2.erode, np.inf), of_windows(cv2.dilate, 0.0)
+    least = of_windows(cv2.erode, np.where(sure, inverse, np.float32(np.inf)), side)
+    most = of_windows(cv2.dilate, np.where(sure, inverse, np.float32(0.0)), side)
     enough = running_mean(sure.astype(np.float32), side) > _SUPPORT
     return enough & (inverse > (1.0 - _ALIKE) * least) & (inverse < (1.0 + _ALIKE) * most)
 

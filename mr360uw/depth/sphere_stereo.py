@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.parameters import checked
-from mr360uw.depth.warping import Map, Panorama, Warped, carried, resized, window_mean
+from mr360uw.depth.warping import Map, Panorama, Warped, carried, of_windows, resized, window_mean
 from mr360uw.errors import ParameterError
 from mr360uw.jit import fast
 from mr360uw.types import Floats
@@ -217,11 +217,8 @@ def _at_edges(warped: Warped, inverse: Map) -> Map:
     """Return inverse distances (h, w), each the given one or the least or largest nearby, whichever agrees best."""
     import cv2
 
-    radius = _EDGE_RADIUS
-    around = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
-    wide = cv2.copyMakeBorder(inverse, 0, 0, radius, radius, cv2.BORDER_WRAP)
-    choice = (cv2.erode(wide, around)[:, radius:-radius], inverse, cv2.dilate(wide, around)[:, radius:-radius])
-    return _best(warped, [np.ascontiguousarray(one, np.float32) for one in choice])
+    least, most = (of_windows(extreme, inverse, 2 * _EDGE_RADIUS + 1) for extreme in (cv2.erode, cv2.dilate))
+    return _best(warped, [least, inverse, most])
 
 
 def _best(warped: Warped, choice: Sequence[Map]) -> Map:

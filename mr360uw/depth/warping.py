@@ -70,6 +70,18 @@ def window_mean(values: Map, side: int) -> Map:
     return mean
 
 
+def of_windows(extreme: Callable[..., Any], values: Map, side: int) -> Map:
+    """Return the extremes of windows of side x side pixels of a map (H, W), by `cv2.erode` or `cv2.dilate`; the seam is
+    closed.
+    """
+    import cv2
+
+    half = side // 2
+    wide = cv2.copyMakeBorder(values, 0, 0, half, half, cv2.BORDER_WRAP)
+    found = extreme(wide, np.ones((side, side), np.uint8))[:, half : half + values.shape[1]]
+    return np.ascontiguousarray(found, np.float32)
+
+
 def normalised(grey: Map) -> Map:
     """Return a picture (H, W) less the mean of 3 x 3 pixels, over their deviation, within +-3."""
     mean = window_mean(grey, _SIDE)
