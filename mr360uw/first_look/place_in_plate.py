@@ -222,10 +222,14 @@ def _off_the_ground(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, 
     if wish.at_deg is None:
         level = _SINKS_DEG if start.hangs or plate.medium.half else _clear_of_ground(distance, height, start.drop_m)
         azimuth, elevation, _ = free_view(plate.image, level, underwater=wet)
-    return replace(
-        start, azimuth_deg=azimuth, elevation_deg=round(elevation, 1), distance_m=distance,
-        top_m=distance * math.sin(math.radians(elevation)) + 0.5 * height,
-    )  # fmt: skip
+    return _in_direction(start, azimuth, elevation, distance, height)
+
+
+def _in_direction(place: Place, azimuth_deg: float, elevation_deg: float, distance_m: float, height_m: float) -> Place:
+    """Return the place with the middle of what is `height_m` high in a direction, at a distance."""
+    top = distance_m * math.sin(math.radians(elevation_deg)) + 0.5 * height_m
+    elevation = round(elevation_deg, 1)
+    return replace(place, azimuth_deg=azimuth_deg, elevation_deg=elevation, distance_m=distance_m, top_m=top)
 
 
 def nearest_m(mesh: MeshLook, size_m: float) -> float:
@@ -240,8 +244,7 @@ def nearer(place: Place, distance_m: float, mesh: MeshLook, wish: Wish) -> Place
     elevation = place.elevation_deg
     if wish.at_deg is None and not place.hangs:
         elevation = round(max(elevation, low), 1)
-    top = distance * math.sin(math.radians(elevation)) + 0.5 * height
-    return replace(place, distance_m=distance, elevation_deg=elevation, top_m=top)
+    return _in_direction(place, place.azimuth_deg, elevation, distance, height)
 
 
 def _usual_distance(mesh: MeshLook, size_m: float) -> float:

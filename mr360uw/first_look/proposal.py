@@ -401,11 +401,8 @@ def _place_lines(place: Place) -> list[str]:
         lines.append(
             f"size      made {place.size_m:g} m long, because this water hides what is farther away; size_m sets it"
         )
-    how = (
-        "its foot on what the plate shows there"
-        if place.on_shown
-        else f"off the floor, {place.elevation_deg:g} degrees over the horizon"
-    )
+    off = f"off the floor, {place.elevation_deg:g} degrees over the horizon"
+    how = "its foot on what the plate shows there" if place.on_shown else off
     how = "stands on the floor" if place.stands else how
     ahead = "seen from the side" if place.face != "camera" else "facing the camera"
     lines.append(f"place     {_side(place.azimuth_deg)}, {place.distance_m:g} m away, {how}, {ahead}")

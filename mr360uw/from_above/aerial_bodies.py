@@ -42,7 +42,7 @@ from mr360uw.composite.settings import SurfaceSettings
 from mr360uw.composite.shot import PlacedObject, SceneObject, Shot
 from mr360uw.composite.surface_layer import cut_at_surface
 from mr360uw.composite.surface_rays import WaterSides, balls_around
-from mr360uw.composite.tiles import empty_tile
+from mr360uw.composite.tiles import tile_of
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.medium.scattered_light import spread_of
@@ -213,10 +213,8 @@ def _with_shadow(layer: Layer, ratio: Floats, veil: Floats) -> Layer:
         return replace(layer, tiles=())
     rows, columns = np.flatnonzero(touched.any(axis=1)), np.flatnonzero(touched.any(axis=0))
     part = Rectangle(int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1))
-    tile = empty_tile(part)
-    at = tile.window
-    arrays = {name: getattr(layer, name)[at] for name in ("radiance", "alpha", "distance_m")}
-    return replace(layer, tiles=(replace(tile, **arrays, ratio=ratio[at], veil=veil[at]),))
+    tile = tile_of(layer, part)
+    return replace(layer, tiles=(replace(tile, ratio=ratio[tile.window], veil=veil[tile.window]),))
 
 
 def brightened(layer: Layer, factor: Floats | float) -> Layer:

@@ -98,12 +98,11 @@ def _seen(picture: VideoFrame, view: Perspective) -> VideoFrame:
     """Return a view into a frame, in the frame's own codes."""
     light, spec = look(picture.image_linear, view), picture.spec
     values = light if spec.mapping is None else in_plate_primaries(light, spec)
-    if spec.bits == 32:
-        return replace(picture, yuv=None, native=None, rgb=values, wrap=False, right=None, clipped=())
-    bits = 8 if spec.bits == 8 else 16
-    own = replace(spec, matrix="bt709", bits=bits, primaries=None)
-    codes = codes_from_linear(values, spec.transfer, f"uint{bits}", picture.index)
-    return replace(picture, yuv=None, native=None, rgb=codes, spec=own, wrap=False, right=None, clipped=())
+    if spec.bits != 32:
+        bits = 8 if spec.bits == 8 else 16
+        values = codes_from_linear(values, spec.transfer, f"uint{bits}", picture.index)
+        spec = replace(spec, matrix="bt709", bits=bits, primaries=None)
+    return replace(picture, yuv=None, native=None, rgb=values, spec=spec, wrap=False, right=None, clipped=())
 
 
 # Many frames on one sheet.

@@ -21,6 +21,7 @@ from mr360uw.tune.fields import in_words
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
 from mr360uw.tune.situation import SNAPSHOT, Compare, Drag, Marker, Situation, Viewer
+from mr360uw.tune.views import VIEW_NAMES
 
 _TOOLS = {
     "": "Click: nothing",
@@ -290,7 +291,7 @@ class ShownPicture:
         self._compared = ""
         with ui.element("main").classes("page-stage"):
             with ui.element("div").classes("stage-bar"):
-                self._views = Choice("What is shown", session.views, session.view, session.look)
+                self._views = Choice("What is shown", VIEW_NAMES, session.view, session.look)
                 widths = sorted({*(w for w in _WIDTHS if w < session.clip.width), session.clip.width})
                 self._width = Choice(
                     "Width of the full picture", {str(w): f"{w} px" for w in widths}, str(session.width),
@@ -323,7 +324,7 @@ class ShownPicture:
                 self.viewer.set_compare("wipe" if picture.panorama else "none")
             self.viewer.show(
                 f"/picture/{picture.number}", stale=not session.is_present(picture), coarse=picture.draft,
-                stand_in=picture.stand_in, panorama=picture.panorama, name=session.views[picture.wanted.view],
+                stand_in=picture.stand_in, panorama=picture.panorama, name=VIEW_NAMES[picture.wanted.view],
             )  # fmt: skip
         self._problems.clear()
         with self._problems:

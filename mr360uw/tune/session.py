@@ -23,7 +23,6 @@ from mr360uw.scene.toml_model import dotted, scene_text, tables_of
 from mr360uw.tune.document import Document, Observed, find, key_of
 from mr360uw.tune.fields import Field, by_key, groups, without_numbers
 from mr360uw.tune.pictures import MadePicture, PageRenderer, Pictures, T, Wanted
-from mr360uw.tune.views import VIEW_NAMES
 from mr360uw.video import VideoReader
 
 State = Literal["running", "done", "failed", "cancelled"]
@@ -102,7 +101,7 @@ class Session(Observed):
     pictures: makes the pictures; what it publishes goes to `take`. clip: of the plate. frame_count: of the clip, 1 for
     a still. width: of full pictures [pixels]. backend: of the pictures and of runs. picture: the newest that could be
     made, of whatever state. problems: why the newest state has none. run: the last run of the whole clip. range: frames
-    start:stop of it. views: names of views with their labels. thumbnails: numbers of small pictures, by frame.
+    start:stop of it. thumbnails: numbers of small pictures, by frame.
     kept_pictures: numbers of pictures that snapshots and comparisons keep, by name.
     """
 
@@ -116,7 +115,6 @@ class Session(Observed):
         self.index, self.view, self.dark = 0, "composite", True
         self.frame_count = clip.frame_count or 1
         self.range = (0, self.frame_count)
-        self.views = dict(VIEW_NAMES)
         self.thumbnails: dict[int, int] = {}
         self._asked_thumbnails = False
         self.kept_pictures: dict[str, int] = {}

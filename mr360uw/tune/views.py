@@ -342,17 +342,14 @@ def _depth_picture(shown: ShownFrame) -> Codes:
     drawn = shown.frame.layer.distance_m
     rows, columns = (np.arange(n) * of // n for n, of in zip((view.height, view.width), drawn.shape, strict=True))
     distance = drawn[rows[:, None], columns]
-    receiver, plate_m = shown.receiver, np.full(distance.shape, np.inf)
+    receiver, plate_m, floor_m = shown.receiver, np.full(distance.shape, np.inf), np.full(distance.shape, np.inf)
     if shown.loaded.plate_depth is not None:
         plate = shown.frame.plate
         plate_m = shown.loaded.plate_depth.surfaces(plate.index, plate).distance_m[rows[:, None], columns]
     if receiver is not None:
         x, y = np.broadcast_arrays(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])
-        floor, _ = ReceiverShape(receiver, view.position).meet(view, x, y)
-        floor = np.where(plate_m < np.inf, plate_m, floor)
-        distance = np.minimum(distance, floor)
-    else:
-        distance = np.minimum(distance, plate_m)
+        floor_m, _ = ReceiverShape(receiver, view.position).meet(view, x, y)
+    distance = np.minimum(distance, np.where(plate_m < np.inf, plate_m, floor_m))
     # Colour their logarithm; black is infinite
     there = np.isfinite(distance)
     log_range = np.log(_FARTHEST_M / _NEAREST_M)
