@@ -102,12 +102,6 @@ class FloorGrid:
     floor_y: float
     count: int
 
-    @classmethod
-    def below(cls, positions: Array, floor_y: float, count: int) -> FloorGrid:
-        """Return the square below and around camera positions (n, 3)."""
-        x, y, z = positions.mean(axis=0)
-        return cls(float(x), float(z), _SIDE_PER_HEIGHT * float(y - floor_y), floor_y, count)
-
     @property
     def pixel_m(self) -> float:
         """Side of a pixel [m]."""
@@ -195,7 +189,8 @@ def floor_series(
         positions = np.array([position for position, _ in places])
         if positions[:, 1].min() - floor_y < _LEAST_HEIGHT_M:
             raise NoMatchError("The floor is not below the camera; set receiver.height_m.")
-        grid = FloorGrid.below(positions, floor_y, _COUNT)
+        x, y, z = positions.mean(axis=0).tolist()
+        grid = FloorGrid(x, z, _SIDE_PER_HEIGHT * (y - floor_y), floor_y, _COUNT)
         views = _views(grid, places, video.width, video.height)
         seen, suns, gains = [], [], []
         for frame in video.frames(start, stop):

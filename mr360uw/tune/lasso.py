@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from mr360uw.base.files import matching_files, write_whole
 from mr360uw.base.sphere import basis, direction_from_frame, frame_from_direction, row_solid_angle, unit
 from mr360uw.errors import OutputError, ParameterError
+from mr360uw.preview.screen import narrowed
 from mr360uw.tune.placing import Point, pixel_of_point
 from mr360uw.types import Floats
 
@@ -165,10 +166,8 @@ def _cut_by_strokes(small: NDArray[np.uint8], over: NDArray[np.bool_], beside: N
 
 def outlines_of_matte(matte: NDArray[np.uint8]) -> list[list[Point]]:
     """Return closed lines around the parts of a matte (h, w), 0 to 255, where it is half covered."""
+    matte = narrowed(matte, _OUTLINE_PX)
     height, width = matte.shape
-    if width > _OUTLINE_PX:
-        matte = cv2.resize(matte, (_OUTLINE_PX, round(_OUTLINE_PX * height / width)), interpolation=cv2.INTER_AREA)
-        height, width = matte.shape
     turn = -int(np.argmin(matte.sum(axis=0, dtype=np.int64)))  # the seam is where there is least of it
     found, _ = cv2.findContours(
         (np.roll(matte, turn, axis=1) > 127).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE

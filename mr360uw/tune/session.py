@@ -101,8 +101,8 @@ class Session(Observed):
     pictures: makes the pictures; what it publishes goes to `take`. clip: of the plate. frame_count: of the clip, 1 for
     a still. width: of full pictures [pixels]. backend: of the pictures and of runs. picture: the newest that could be
     made, of whatever state. problems: why the newest state has none. run: the last run of the whole clip. range: frames
-    start:stop of it. thumbnails: numbers of small pictures, by frame.
-    kept_pictures: numbers of pictures that snapshots and comparisons keep, by name.
+    start:stop of it. thumbnails: numbers of small pictures, by frame. kept_pictures: numbers of pictures that snapshots
+    and comparisons keep, by name.
     """
 
     def __init__(
