@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.base.color import encode
 from mr360uw.base.sphere import frame_from_direction, yaw_matrix
 from mr360uw.errors import ParameterError
+from mr360uw.ibl.tilt import level_matrix
 from mr360uw.jit import exact
-from mr360uw.types import Floats
+from mr360uw.types import Floats, View
 
 _MARGIN = 4
 """Pixels that are repeated around the panorama, for the cubic filter and the step over its seam."""
@@ -46,28 +47,16 @@ class Perspective:
             if not low <= value <= high:
                 raise ParameterError(f"view.{name} - must be in [{low:g}, {high:g}] {unit} (got {value}) - change it")
 
+    @property
+    def view(self) -> View:
+        """The view in the panorama's axes: its camera is pitched, then turned."""
+        rotation = yaw_matrix(math.radians(self.yaw_deg)) @ level_matrix(0.0, math.radians(self.pitch_deg))
+        fov_rad = math.radians(self.fov_deg)
+        return View(self.width, self.height, world_from_camera=rotation, projection="perspective", fov_rad=fov_rad)
+
     def directions(self) -> Floats:
         """Return the unit direction of every pixel's centre, (height, width, 3)."""
-        return self.direction_at(np.arange(self.width) + 0.5, (np.arange(self.height) + 0.5)[:, None])
-
-    def direction_at(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Return the unit directions (..., 3) seen at continuous coordinates, pixel centres at i + .5."""
-        across = self._reach * (np.asarray(x, np.float64) / (0.5 * self.width) - 1.0)
-        up = self._reach * (self.height - 2.0 * np.asarray(y, np.float64)) / self.width
-        ray = np.stack(np.broadcast_arrays(across, up, -1.0), axis=-1)
-        ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-        return np.asarray(ray @ self._rotation.T)
-
-    @property
-    def _reach(self) -> float:
-        """Tangent of half the field of view."""
-        return float(np.tan(0.5 * np.radians(self.fov_deg)))
-
-    @property
-    def _rotation(self) -> Floats:
-        """Rotation (3, 3) from the view's axes to the panorama's: pitch, then yaw."""
-        c, s = np.cos(np.radians(self.pitch_deg)), np.sin(np.radians(self.pitch_deg))
-        return yaw_matrix(np.radians(self.yaw_deg)) @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+        return self.view.directions(np.arange(self.width) + 0.5, (np.arange(self.height) + 0.5)[:, None])
 
 
 def look(panorama: Floats, view: Perspective) -> Floats:
@@ -78,8 +67,7 @@ def look(panorama: Floats, view: Perspective) -> Floats:
     """
     import cv2
 
-    pixel = 2.0 * np.tan(0.5 * np.radians(view.fov_deg)) / view.width  # at the centre, where it is largest
-    factor = min(1.0, (np.pi / panorama.shape[0]) / pixel)
+    factor = min(1.0, (np.pi / panorama.shape[0]) / view.view.pixel_rad)  # at the centre, where pixels are largest
     image = np.asarray(panorama, np.float32)
     if factor < 1.0:
         rows = max(8, round(factor * panorama.shape[0]))

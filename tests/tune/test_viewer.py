@@ -227,7 +227,7 @@ def test_looking_around_turns_the_view_and_clicks_land_within_a_pixel(shown: Pag
         shown.forget()
         shown.page.mouse.click(box["x"] + x, box["y"] + y)
         (told,) = shown.until("pick")
-        beside = np.linalg.norm(Point(told["longitude"], told["latitude"]).direction - look.direction_at(x, y))
+        beside = np.linalg.norm(Point(told["longitude"], told["latitude"]).direction - look.view.directions(x, y))
         assert beside < 2.0 * np.tan(np.radians(0.5 * look.fov_deg)) / look.width  # a pixel in the middle, the widest
         shown.shows(x, y, told)
     # the view stays when the picture changes, and returns on 0
