@@ -198,10 +198,9 @@ class AerialBodies:
 def _over_water(sea: SeaScene, in_water: Array) -> Array:
     """Return the radiance (128, 256, 3) over a level sea: the sky, and its mirror image with the water's light."""
     towards = directions(COARSE_COLUMNS, COARSE_ROWS)
-    up = towards * np.array([1.0, 0.0, 1.0]) + np.abs(towards) * np.array([0.0, 1.0, 0.0])
-    shape = towards.shape[:2]
-    sky = sea.dome.look(up.reshape(-1, 3), np.full(up.shape[0] * up.shape[1], PI / COARSE_ROWS)).reshape(*shape, 3)
-    passed = fresnel_transmittance(up[..., 1], sea.refractive_index)[..., None]
+    footprint = np.full(COARSE_COLUMNS * COARSE_ROWS, PI / COARSE_ROWS)
+    sky = sea.dome.look(towards.reshape(-1, 3), footprint).reshape(towards.shape)  # with its mirror image
+    passed = fresnel_transmittance(np.abs(towards[..., 1]), sea.refractive_index)[..., None]
     under = (1.0 - passed) * sky + passed * in_water[-1, 0] / sea.refractive_index**2
     return np.where(towards[..., 1:2] > 0.0, sky, under)
 
