@@ -161,6 +161,8 @@ def _matched_caustics(
     if picture is not None and pictures:
         write_whole(picture, encoded(np.concatenate([pictures["floor"], pictures["spectra"]]), ".png"))
         lines.append(f"wrote {picture}")
+    elif picture is not None:
+        lines.append(f"{picture} is not written, as no caustics were read on the floor")
     say("\n".join(lines))
     return found
 
