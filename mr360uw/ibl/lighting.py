@@ -157,15 +157,18 @@ def _split(
     if sun is None:
         return plate.coarse, None
     if isinstance(sun, Sun):
-        lost = settings.operator == "closure" and lost_light(plate, sun.direction)
-        residual, _ = split_given(plate, sun.direction, sun.half_angle_rad)
+        spot = spot_towards(plate, sun.direction)
+        lost = settings.operator == "closure" and lost_light(plate, spot)
+        residual, _ = split_given(plate, sun.direction, spot, sun.half_angle_rad)
         residual, _ = without_glare(residual, sun, plate, glare)
         residual, _ = taken_in_part(residual, sun, sun.share, plate.coarse)
         return residual, replace(sun, shown=0.0) if lost else sun
-    residual, found = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
+    direction = unit(exactly("sun", sun, (3,)))
+    spot = spot_towards(plate, direction)
+    residual, found = split_given(plate, direction, spot, underwater=underwater)
     residual, found = without_glare(residual, found, plate, glare)
-    if settings.operator == "closure" and lost_light(plate, found.direction):
-        found = close(residual, found, plate, ratio, disc=shows_disc(spot_towards(plate, found.direction)))
+    if settings.operator == "closure" and lost_light(plate, spot):
+        found = close(residual, found, plate, ratio, disc=shows_disc(spot))
     return residual, found
 
 
@@ -178,7 +181,7 @@ def _detected(
         return plate.coarse, None
     residual, sun = without_glare(*split_disc(plate, disc, underwater=underwater), plate, glare)
     if settings.operator == "closure":
-        if lost_light(plate, disc.direction, disc):
+        if lost_light(plate, disc, detected=True):
             sun = close(residual, sun, plate, ratio, disc=shows_disc(disc))
         else:  # what is no sharp disc has light of the sky in it, and of the glitter only a part
             sun = replace(sun, shown=float(is_disc(disc)))

@@ -92,19 +92,19 @@ def _two_lights(sky: Array, glow: Array, first: Array, second: Array) -> tuple[A
 
 def _on_normals(medium: Medium, sky: Sky, sun_up: float | None, depth_m: Array) -> Array:
     """Return the irradiance (N, D, 3) on `normal_nodes` at depths, without the beam of a sun."""
-    light = _solved(medium.under(sky).model, sun_up, depth_m.tobytes(), medium.rough)
-    return np.asarray(light @ (medium.floor_lobes if sky == "floor" else medium.bands.lobes))
+    lobes = medium.floor_lobes if sky == "floor" else medium.bands.lobes
+    return _solved(medium.under(sky).model, sun_up, depth_m.tobytes(), lobes.tobytes(), medium.rough)
 
 
 @shared(keep=32)
-def _solved(model: SpectralModel, sun_up: float | None, depths: bytes, rough: bool) -> Array:
-    """Return the same at the model's wavelengths, (N, D, n)."""
+def _solved(model: SpectralModel, sun_up: float | None, depths: bytes, lobes: bytes, rough: bool) -> Array:
+    """Return the same of a model in the channels of some lobes (n, 3)."""
     depth, normal = np.frombuffer(depths), normal_nodes(rough=rough)[:, None]
     light = model.irradiance(depth, normal)
     if sun_up is not None:
         facing = cosine_kernel(np.array(sun_up), normal) / (2.0 * PI * sun_up)
         light = light - facing[..., None] * model.level_beam * np.exp(-model.extinction / sun_up * depth[:, None])
-    return np.maximum(light, 0.0)
+    return np.maximum(light, 0.0) @ np.frombuffer(lobes).reshape(-1, 3)
 
 
 # Irradiance at the camera from the light of open water at the horizon, for the sun's height and the floor's light.

@@ -172,16 +172,15 @@ def shows_disc(blob: Blob | None) -> bool:
 
 
 def split_given(
-    plate: Plate, direction: Floats, half_angle_rad: float | None = None, *, underwater: bool = False
+    plate: Plate, direction: Floats, spot: Blob | None, half_angle_rad: float | None = None, *, underwater: bool = False
 ) -> tuple[Floats, Sun]:
     """Return the plate's expanded map without the light of the sun towards `direction` (3,), and this sun.
 
-    half_angle_rad: of its disc, None where it is not known.
+    spot: of `spot_towards` there. half_angle_rad: of its disc, None where it is not known.
     """
-    blob = spot_towards(plate, direction)
-    size = shown_half_angle(plate, blob, underwater) if half_angle_rad is None else half_angle_rad
-    radius = max(size, 0.0 if blob is None else blob.radius_rad)
-    return split_sun(plate, direction, radius, size, 1.0, local=is_disc(blob))
+    size = shown_half_angle(plate, spot, underwater) if half_angle_rad is None else half_angle_rad
+    radius = max(size, 0.0 if spot is None else spot.radius_rad)
+    return split_sun(plate, direction, radius, size, 1.0, local=is_disc(spot))
 
 
 def split_disc(plate: Plate, disc: Blob, *, underwater: bool = False) -> tuple[Floats, Sun]:
@@ -191,15 +190,14 @@ def split_disc(plate: Plate, disc: Blob, *, underwater: bool = False) -> tuple[F
     return split_sun(plate, disc.direction, disc.radius_rad, size, disc.confidence, centred=centred, local=local)
 
 
-def lost_light(plate: Plate, direction: Floats, blob: Blob | None = None) -> bool:
-    """Return whether a display-referred plate does not show how bright the sun towards `direction` (3,) is.
+def lost_light(plate: Plate, spot: Blob | None, *, detected: bool = False) -> bool:
+    """Return whether a display-referred plate does not show how bright a sun with this spot is.
 
-    blob: its spot, if it is known; a sun that a plate shows unclipped, or that has no flat top, lost nothing.
+    detected: the sun was found by its spot; one that a plate shows unclipped, or that has no flat top, lost nothing.
     """
     if float(plate.brightest.max()) > DISPLAY_WHITE:
         return False
-    spot = spot_towards(plate, direction) if blob is None else blob
-    return spot is None or (spot.flat and spot.peak >= CLIPPED if blob is not None else not is_disc(spot))
+    return spot is None or (spot.flat and spot.peak >= CLIPPED if detected else not is_disc(spot))
 
 
 def is_disc(blob: Blob | None) -> bool:
