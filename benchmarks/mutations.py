@@ -386,7 +386,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
      "composite/test_exr_layers.py"),
     ("composite/water_blur.py", "np.float32(weight[k] * cosine[row] / total)", "np.float32(weight[k] / total)",
      "composite/test_water_blur.py"),
-    ("composite/water_blur.py", "[fraction * change for", "[change for", "composite/test_water_blur.py"),
+    ("composite/water_blur.py", "[(fraction * change)[of] for", "[change[of] for", "composite/test_water_blur.py"),
     ("composite/water_blur.py", "(sharp * change)[count:] -", "(sharp * change)[count:] +",
      "render/test_lit_dives.py"),
     ("composite/water_blur.py", "shown * np.maximum(gain * change, -plate)", "shown * gain * change",

@@ -87,9 +87,15 @@ def with_blur(
     node = np.minimum(_NODES * table_coordinate(distance, _LENGTH_M) + 0.5, _NODES - 1).astype(np.int64)
     (gain, sharp, *turned), shown, count = table[:, node], blur[node], len(share)
     change = shown * np.maximum(gain * change, -plate)
-    beside = _spread(spread.angle_rad, (rows, columns), places, [fraction * change for fraction in turned])
-    on_plate = beside.copy()
+    from_bodies, from_ground = (
+        _spread(spread.angle_rad, (rows, columns), at, [(fraction * change)[of] for fraction in turned])
+        for at, of in ((bodies, slice(count)), (ground, slice(count, None)))
+    )
+    on_plate = from_bodies + from_ground
     on_plate[ground] += (sharp * change)[count:] - shown[count:] * dimmed
+    # Of the ground's light the share turns before a body that its distance is of the ground's
+    of_ground = np.abs(change[count:, 1])
+    per_m = np.float32(of_ground.sum() / max(float(of_ground @ far), 1e-30))
     # Draw the plate where its codes change, and bodies anew
     marked = np.einsum("jic,jic->ji", on_plate, on_plate) > (_LEAST_CODES / _STEEPEST) ** 2
     codes = np.zeros(marked.shape, np.float32)
@@ -113,7 +119,8 @@ def with_blur(
         if np.any(cells[window][..., 3]):
             radiance = tile.radiance.copy()
             first = part.row, part.column
-            _blur_bodies(radiance, tile.alpha, tile.distance_m, first, table, blur, side, behind, beside)
+            maps = behind, from_bodies, from_ground, per_m
+            _blur_bodies(radiance, tile.alpha, tile.distance_m, first, table, blur, side, maps)
             tile = replace(tile, radiance=radiance)
         tiles.append(tile)
     if variables is not None:
@@ -139,7 +146,7 @@ def _by_distance(spread: ImageSpread, columns: int) -> NDArray[np.float32]:
 
 def _ground_change(
     shot: Shot, layer: Layer, side: int, behind: Floats, share: Floats, cache: Cache
-) -> tuple[tuple[NDArray[np.int64], ...], Floats, Floats]:
+) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], Floats, Floats]:
     """Return rows and columns of the cells in which a layer changes the ground, its distances (n,) and change (n, 3).
 
     One line of pixels stands for a row of cells. share: (rows, columns) of cells that bodies cover.
@@ -288,13 +295,14 @@ def _blur(source: Any, sigma: Any, cosine: Any, out: Any) -> None:
 
 @fast
 def _blur_bodies(
-    radiance: Any, alpha: Any, metres: Any, place: Any, table: Any, blur: Any, side: int, behind: Any, beside: Any
+    radiance: Any, alpha: Any, metres: Any, place: Any, table: Any, blur: Any, side: int, maps: Any
 ) -> None:
     """Blur the bodies of a tile, whose first pixel is at place, in its radiance (h, w, 3).
 
-    table: of `_by_distance`; blur: (`_NODES`, 3) how much of it is drawn there. behind, beside: (rows, columns, 3)
-    light of the plate, and light that has turned, in cells.
+    table: of `_by_distance`; blur: (`_NODES`, 3) how much of it is drawn there. maps: (rows, columns, 3) light of the
+    plate, and what has turned of that of bodies and of the ground, in cells; and one over the ground's distance [1/m].
     """
+    behind, from_bodies, from_ground, per_m = maps
     (rows, columns, _), (row, column) = behind.shape, place
     for j in range(alpha.shape[0]):
         # Cells above and below this line
@@ -309,6 +317,7 @@ def _blur_bodies(
             left = int(x)
             across = np.float32(x - left)
             left, right = left % columns, (left + 1) % columns
+            before = min(per_m * metres[j, i], np.float32(1.0))
             node = int(_NODES * metres[j, i] / (metres[j, i] + _LENGTH_M) + 0.5)
             node = min(node, _NODES - 1)
             for c in range(3):
@@ -316,11 +325,14 @@ def _blur_bodies(
                 upper = behind[top, left, c] + across * (behind[top, right, c] - behind[top, left, c])
                 lower = behind[low, left, c] + across * (behind[low, right, c] - behind[low, left, c])
                 plate = covered * (upper + down * (lower - upper))
-                upper = beside[top, left, c] + across * (beside[top, right, c] - beside[top, left, c])
-                lower = beside[low, left, c] + across * (beside[low, right, c] - beside[low, left, c])
-                light = covered * (upper + down * (lower - upper))
+                upper = from_bodies[top, left, c] + across * (from_bodies[top, right, c] - from_bodies[top, left, c])
+                lower = from_bodies[low, left, c] + across * (from_bodies[low, right, c] - from_bodies[low, left, c])
+                turned = upper + down * (lower - upper)
+                upper = from_ground[top, left, c] + across * (from_ground[top, right, c] - from_ground[top, left, c])
+                lower = from_ground[low, left, c] + across * (from_ground[low, right, c] - from_ground[low, left, c])
+                turned += before * (upper + down * (lower - upper))
                 # What has not turned, and narrow Gaussians, stay where they are
                 own = radiance[j, i, c]
                 change = max(table[0, node, c] * (own - plate), -plate)
-                blurred = max(plate + table[1, node, c] * change + light, np.float32(0.0))
+                blurred = max(plate + table[1, node, c] * change + covered * turned, np.float32(0.0))
                 radiance[j, i, c] = own + blur[node, c] * (blurred - own)
