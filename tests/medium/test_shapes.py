@@ -8,7 +8,7 @@ import pytest
 
 from mr360uw import medium
 from mr360uw.medium import FroxelGrid, LightField, Medium, PlateProfile, Sensor, ShaftScene, Water
-from mr360uw.medium.lookup import ATTENUATION_SIZE, DEPTH_SIZE, NORMALS, VEIL_SIZE
+from mr360uw.medium.lookup import ATTENUATION_SIZE, CLOSED_VEIL_SIZE, DEPTH_SIZE, NORMALS
 from mr360uw.types import Sun, View
 from tests.shapes import Batch, Refused, Returns, called, check_refused, check_returned, filled, functions_of, towards
 
@@ -58,7 +58,7 @@ RETURNS: Returns = {
     "Medium.spectral_transmittance": (lambda b: MEDIUM.spectral_transmittance(filled(*b)), spectra),
     "Medium.table": (
         lambda _: MEDIUM.table,
-        lambda _: {"veil": (*VEIL_SIZE, 3), "attenuation": (*ATTENUATION_SIZE, 3)}
+        lambda _: {"veil": (*CLOSED_VEIL_SIZE, 3), "attenuation": (*ATTENUATION_SIZE, 3)}
         | dict.fromkeys(("beam", "unscattered"), (DEPTH_SIZE, 3))
         | {"diffuse": (NORMALS, DEPTH_SIZE, 3)},
     ),
