@@ -30,7 +30,7 @@ from mr360uw.composite.mesh.skin import Animation
 from mr360uw.composite.mesh.up_axis import Up
 from mr360uw.composite.settings import Front, Interpolation, LampSettings, Loop, ObjectSettings
 from mr360uw.errors import MeshError, ParameterError
-from mr360uw.ibl.tilt import level_matrix, roll_pitch
+from mr360uw.ibl.tilt import level_matrix
 from mr360uw.medium.spectra import read_table
 from mr360uw.types import Floats
 
@@ -44,13 +44,6 @@ def rotation_matrix(yaw_pitch_roll_deg: Sequence[float]) -> Floats:
     """Return the (3, 3) rotation of angles [deg] as the module defines them."""
     yaw, pitch, roll = np.radians(yaw_pitch_roll_deg)
     return yaw_matrix(yaw) @ level_matrix(roll, pitch)
-
-
-def yaw_pitch_roll_deg(rotation: Floats) -> tuple[float, float, float]:
-    """Return the angles [deg] of a rotation (3, 3): the inverse of `rotation_matrix`."""
-    roll, pitch = (float(angle) for angle in roll_pitch(rotation[1]))
-    x, _, z = -(rotation @ level_matrix(roll, pitch).T)[:, 2]
-    return math.degrees(math.atan2(x, -z)), math.degrees(pitch), math.degrees(roll)
 
 
 def rigid(position: ArrayLike, rotation: Floats, scale: float = 1.0) -> Floats:

@@ -24,25 +24,10 @@ from mr360uw.base.files import is_pattern, numbered, write_whole
 from mr360uw.base.input_files import stamp
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.tilt import roll_pitch
+from mr360uw.tune import lasso
 from mr360uw.tune.controls import Button, Choice, Text, text_input
 from mr360uw.tune.fields import SAME_S
-from mr360uw.tune.lasso import (
-    Kind,
-    Line,
-    check_own,
-    free_name,
-    is_matte_name,
-    is_whole,
-    key_file,
-    key_files,
-    matte_of_lines,
-    named_path,
-    outlines_of_matte,
-    pictures_at_stake,
-    png,
-    read_matte,
-    write_frames,
-)
+from mr360uw.tune.lasso import Kind, Line
 from mr360uw.tune.placing import Point, ray
 from mr360uw.tune.session import Session
 from mr360uw.tune.situation import Marker
@@ -399,12 +384,12 @@ class LassoTool:
         for number, row in enumerate(self._document.get("holdout") or []):
             parts = Path(str(row.get("path", ""))).parts
             name = Path(parts[0]).stem if len(parts) == 1 else parts[0] if len(parts) == 2 else ""
-            if is_matte_name(name):
+            if lasso.is_matte_name(name):
                 found[name] = number
         return found
 
     def _keys(self) -> list[int]:
-        return list(key_files(self._folder / self._name)) if self._name and self._clip else []
+        return list(lasso.key_files(self._folder / self._name)) if self._name and self._clip else []
 
     def _tell(self) -> None:
         if self._root.is_deleted:
@@ -412,7 +397,7 @@ class LassoTool:
         keys, busy = self._keys(), bool(self._doing)
         here = self._index in keys or not self._clip
         self._make.text = "Make matte" if not self._name else "Make it again" if here else "Make key"
-        self._make.enable(is_whole(self.lines) and not busy)
+        self._make.enable(lasso.is_whole(self.lines) and not busy)
         self._back.enable(bool(self.lines) and not busy)
         self._drop.set_visibility(self._index in keys)
         self._drop.enable(not busy)
@@ -451,12 +436,12 @@ class LassoTool:
             codes = await session.ask(
                 lambda renderer: picture_codes(renderer.plates.at(scene, index, width), deep=False)
             )
-            data = png(await asyncio.to_thread(matte_of_lines, codes, lines))
-            name = self._name or free_name(self._folder)
+            data = lasso.png(await asyncio.to_thread(lasso.matte_of_lines, codes, lines))
+            name = self._name or lasso.free_name(self._folder)
             await self._check_own(name, index)
             if self._clip:
                 (self._folder / name).mkdir(exist_ok=True)
-                write_whole(key_file(self._folder / name, index), data)
+                write_whole(lasso.key_file(self._folder / name, index), data)
                 await self._carry(name, index)
             else:
                 write_whole(self._folder / f"{name}.png", data)
@@ -471,7 +456,7 @@ class LassoTool:
                     f"{name} - has one key left (got frame {index}) - remove the matte from the scene instead"
                 )
             await self._check_own(name, index)
-            key_file(self._folder / name, index).unlink(missing_ok=True)
+            lasso.key_file(self._folder / name, index).unlink(missing_ok=True)
             await self._carry(name, index)
             self._put(name)
 
@@ -487,8 +472,8 @@ class LassoTool:
 
     async def _check_own(self, name: str, index: int) -> None:
         """Raise `OutputError` where a key at a frame would replace or remove a picture that was not drawn here."""
-        files = pictures_at_stake(self._folder / name, index) if self._clip else [self._folder / f"{name}.png"]
-        await asyncio.to_thread(check_own, files)
+        files = lasso.pictures_at_stake(self._folder / name, index) if self._clip else [self._folder / f"{name}.png"]
+        await asyncio.to_thread(lasso.check_own, files)
 
     async def _carry(self, name: str, index: int) -> None:
         """Write the pictures of all frames that a key has changed, and say how far that is."""
@@ -502,11 +487,11 @@ class LassoTool:
             if done % _TOLD_FRAMES == 0:
                 loop.call_soon_threadsafe(tell, done, total)
 
-        await asyncio.to_thread(write_frames, self._folder / name, self._session.frame_count, index, progress)
+        await asyncio.to_thread(lasso.write_frames, self._folder / name, self._session.frame_count, index, progress)
 
     def _put(self, name: str) -> str:
         """Let the scene name the pictures of a matte, and show them; return its name."""
-        path = Path(f"{name}.png") if not self._clip else named_path(self._folder / name).relative_to(self._folder)
+        path = lasso.named_path(self._folder / name).relative_to(self._folder) if self._clip else Path(f"{name}.png")
         number = self._mattes().get(name)
         if number is None:
             self._document.append("holdout", {"path": path.as_posix()})
@@ -520,6 +505,6 @@ class LassoTool:
 def _outlines_in(file: Path) -> list[list[Point]]:
     """Return the outlines of a matte's file; none where it is gone."""
     try:
-        return outlines_of_matte(read_matte(file))
+        return lasso.outlines_of_matte(lasso.read_matte(file))
     except (OSError, ParameterError, cv2.error):
         return []

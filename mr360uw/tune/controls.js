@@ -2,7 +2,7 @@
 //
 // spec: the tables and fields. begin, and `take` from then on: tree, the values that the scene file sets; errors and
 // texts, by dotted key; keyed, the values now of the parameters that have keys; words, the present places and sizes of objects in all words for
-// them; hidden, those that the file says in others; idle, why parameters have no effect. Emits: change {key, value, group}, reset {key, default}, add {key,
+// them; chosen, the number of the object with handles; hidden, the words that the file says in others; idle, why parameters have no effect. Emits: change {key, value, group}, reset {key, default}, add {key,
 // table}, remove {key}, mark {key}, settle {} at the end of a drag.
 
 const PAUSE_MS = 25; // between two changes of one drag that are sent
@@ -15,8 +15,15 @@ const settled = (old, now) => {
   return Object.fromEntries(Object.entries(now).map(([key, one]) => [key, settled(old?.[key], one)]));
 };
 
+const wordsOf = (...texts) => texts.join(" ").toLowerCase().split(/[^\p{L}\d]+/u).filter(Boolean).map((word) => (word.length > 3 ? word.replace(/s$/, "") : word));
+
+// How well one word fits: 8 one of these words, 6 a beginning of one, 0 neither.
+const fit = (word, words) => (words.includes(word) ? 8 : words.some((one) => one.startsWith(word)) ? 6 : 0);
+
+const [BEST, CLEAR] = [3, 3]; // controls that a search shows before all others, and their least fit for each word
+
 const Control = {
-  props: ["field", "path", "value", "error", "text", "key_state", "present", "idle"],
+  props: ["field", "path", "value", "error", "text", "key_state", "present", "idle", "of"],
   emits: ["change", "reset", "mark", "settle"],
   data: () => ({ held: null, group: 0, timer: null, next: null }),
   watch: {
@@ -120,6 +127,7 @@ const Control = {
   template: `
     <div class="control" :class="{changed: isSet, wrong: error, idle}" :data-key="path">
       <div class="control-head">
+        <span v-if="of" class="muted">{{ of }}&nbsp;</span>
         <label :for="id" :title="title">{{ field.label }}</label>
         <span v-if="isSet" class="mark" role="img" aria-label="changed" title="set in the scene file"></span>
         <span class="grow"></span>
@@ -175,42 +183,50 @@ export default {
     tree() {
       return this.now.tree;
     },
-    errors() {
-      return this.now.errors;
-    },
-    texts() {
-      return this.now.texts;
-    },
     keyed() {
       return this.now.keyed;
     },
     wanted() {
-      return this.search.trim().toLowerCase().split(/\s+/).filter(Boolean);
+      return wordsOf(this.search);
     },
-    firsts() {
-      return this.first
-        .map((path) => ({ path, group: this.spec.find((g) => g.key === path.split(".")[0]) }))
-        .map(({ path, group }) => ({ group, field: this.fields(group).find((f) => f.key === path.split(".")[1]) }))
-        .filter(({ group, field }) => field && (!group.repeated || this.count(group) > 0))
-        .filter(({ group, field }) => !this.now.hidden.includes(this.path(group, field)));
+    // What a search finds, the best first: buttons of the page, and parameters; of those that fit alike the first ones lead
+    actions() {
+      const buttons = this.wanted.length ? [...document.querySelectorAll(".page-header button, .stage-bar button")] : [];
+      return buttons.filter((one) => one.offsetParent && this.wanted.every((word) => fit(word, wordsOf(one.textContent, one.ariaLabel, one.dataset.words))));
+    },
+    every() {
+      return this.spec.flatMap((group) => this.fields(group).map((field) => ({ group, field, fit: this.fitOf(group, field), name: `${group.key}.${field.key}` })));
+    },
+    found() {
+      return this.every.filter((one) => one.fit).sort((a, b) => b.fit - a.fit);
+    },
+    shortlist() {
+      const there = ({ group }) => !group.repeated || this.count(group) > 0;
+      if (this.wanted.length) return this.found.filter((one) => there(one) && one.fit >= CLEAR * this.wanted.length).slice(0, BEST);
+      const firsts = this.all ? [] : this.first.map((name) => this.every.find((one) => one.name === name));
+      return firsts.filter((one) => one && there(one) && !this.now.hidden.includes(this.path(one.group, one.field)));
     },
     groups() {
-      return this.spec
-        .map((group) => ({ group, fields: this.fields(group).filter((field) => this.matches(group, field)) }))
-        .filter(({ fields }) => !this.wanted.length || fields.length);
+      const rest = this.wanted.length ? this.found.filter((one) => !this.shortlist.includes(one)) : this.all ? this.every : [];
+      return [...new Set(rest.map((one) => one.group))].map((group) => ({ group, fields: rest.filter((one) => one.group === group).map((one) => one.field) }));
     },
   },
   methods: {
     take(now) {
+      if (now.chosen !== this.now.chosen) this.entry = { ...this.entry, object: now.chosen };
       this.now = settled(this.now, now);
     },
     fields(group) {
       const tag = group.tag && this.tree[group.key]?.[group.tag];
       return group.kinds[tag] || Object.values(group.kinds)[0];
     },
-    matches(group, field) {
-      const text = [group.key, group.title, group.help, field.key, field.label, field.help, field.everyday].join(" ").toLowerCase();
-      return this.wanted.every((word) => text.includes(word));
+    // By a parameter's own words, by those of its table with half the weight, else anywhere; 0 where a word is missing.
+    fitOf(group, field) {
+      const [own, table] = [wordsOf(field.key, field.label, field.everyday), wordsOf(group.key, group.title, group.everyday)];
+      const text = [...own, ...table, ...wordsOf(field.help, group.help)].join(" ");
+      const fits = this.wanted.map((word) => Math.max(fit(word, own), fit(word, table) / 2, text.includes(word) ? 1 : 0));
+      const first = this.first.includes(`${group.key}.${field.key}`) ? 1 : 0;
+      return fits.length && Math.min(...fits) && fits.reduce((sum, one) => sum + one, first);
     },
     count(group) {
       return (this.tree[group.key] || []).length;
@@ -229,6 +245,11 @@ export default {
     value(group, field) {
       const now = this.keyed[this.path(group, field)];
       return now !== undefined ? now : (this.table(group) || {})[field.key];
+    },
+    bound(group, field) {
+      const path = this.path(group, field);
+      const { errors, texts, keyed, words, idle } = this.now;
+      return { field, path, value: this.value(group, field), error: errors[path], text: texts[path], key_state: path in keyed, present: words[path], idle: idle[path] };
     },
     isOpen(group) {
       return this.wanted.length > 0 || !!this.open[group.key];
@@ -263,42 +284,37 @@ export default {
         </div>
       </div>
       <div class="controls-list" tabindex="-1">
-        <template v-if="!all && !wanted.length">
-          <template v-for="{group, field} in firsts" :key="path(group, field)">
-            <Control :field="field" :path="path(group, field)" :value="value(group, field)" :error="errors[path(group, field)]"
-              :text="texts[path(group, field)]" :key_state="path(group, field) in keyed" :present="now.words[path(group, field)]" :idle="now.idle[path(group, field)]"
-              @change="$emit('change', $event)" @reset="$emit('reset', $event)" @mark="$emit('mark', $event)" @settle="$emit('settle', $event)"></Control>
-          </template>
-        </template>
-        <template v-else>
-          <details v-for="{group, fields} in groups" :key="group.key" class="group" :open="isOpen(group)" :data-group="group.key">
-            <summary @click.prevent="open = {...open, [group.key]: !open[group.key]}">
-              {{ group.title }}<span class="count" v-if="group.repeated">{{ count(group) }}</span>
-              <span class="count" v-else-if="group.optional && !table(group)">off</span>
-            </summary>
-            <template v-if="isOpen(group)">
-              <p class="group-help">{{ group.help }}</p>
-              <div v-if="group.repeated" class="entries" role="group" :aria-label="group.title">
-                <button v-for="(one, k) in tree[group.key] || []" type="button" :aria-pressed="k === at(group)" @click="select(group, k)">{{ name(group, k) }}</button>
-                <input v-if="needed(group)" type="text" spellcheck="false" :value="adding[group.key]" :placeholder="needed(group).label + (count(group) ? ': the same' : '')"
-                  :aria-label="needed(group).label + ' of a new entry'" @input="adding = {...adding, [group.key]: $event.target.value}">
-                <button type="button" class="quiet add" @click="add(group)" :aria-label="'add to ' + group.title" title="add">+</button>
-                <button v-if="count(group)" type="button" class="quiet remove" @click="$emit('remove', {key: group.key + '.' + at(group)})"
-                  :aria-label="'remove from ' + group.title" title="remove the chosen one">−</button>
-              </div>
-              <div v-if="group.optional" class="entries">
-                <button v-if="!table(group)" type="button" @click="$emit('change', {key: group.key, value: {}, group: null})">Add to the scene</button>
-                <button v-else type="button" @click="$emit('remove', {key: group.key})">Remove from the scene</button>
-              </div>
-              <template v-if="!group.repeated || count(group)">
-                <Control v-for="field in fields" :key="path(group, field)" :field="field" :path="path(group, field)" :value="value(group, field)"
-                  :error="errors[path(group, field)]" :text="texts[path(group, field)]" :key_state="path(group, field) in keyed" :present="now.words[path(group, field)]" :idle="now.idle[path(group, field)]"
-                  @change="$emit('change', $event)" @reset="$emit('reset', $event)" @mark="$emit('mark', $event)" @settle="$emit('settle', $event)"></Control>
-              </template>
+        <div v-if="actions.length" class="entries">
+          <button v-for="one in actions" type="button" class="action" :title="one.title" @click="one.click()">{{ one.textContent }}</button>
+        </div>
+        <Control v-for="{group, field} in shortlist" :key="path(group, field)" v-bind="bound(group, field)" :of="wanted.length ? group.title : ''"
+          @change="$emit('change', $event)" @reset="$emit('reset', $event)" @mark="$emit('mark', $event)" @settle="$emit('settle', $event)"></Control>
+        <details v-for="{group, fields} in groups" :key="group.key" class="group" :open="isOpen(group)" :data-group="group.key">
+          <summary @click.prevent="open = {...open, [group.key]: !open[group.key]}">
+            {{ group.title }}<span class="count" v-if="group.repeated">{{ count(group) }}</span>
+            <span class="count" v-else-if="group.optional && !table(group)">off</span>
+          </summary>
+          <template v-if="isOpen(group)">
+            <p class="group-help">{{ group.help }}</p>
+            <div v-if="group.repeated" class="entries" role="group" :aria-label="group.title">
+              <button v-for="(one, k) in tree[group.key] || []" type="button" :aria-pressed="k === at(group)" @click="select(group, k)">{{ name(group, k) }}</button>
+              <input v-if="needed(group)" type="text" spellcheck="false" :value="adding[group.key]" :placeholder="needed(group).label + (count(group) ? ': the same' : '')"
+                :aria-label="needed(group).label + ' of a new entry'" @input="adding = {...adding, [group.key]: $event.target.value}">
+              <button type="button" class="quiet add" @click="add(group)" :aria-label="'add to ' + group.title" title="add">+</button>
+              <button v-if="count(group)" type="button" class="quiet remove" @click="$emit('remove', {key: group.key + '.' + at(group)})"
+                :aria-label="'remove from ' + group.title" title="remove the chosen one">−</button>
+            </div>
+            <div v-if="group.optional" class="entries">
+              <button v-if="!table(group)" type="button" @click="$emit('change', {key: group.key, value: {}, group: null})">Add to the scene</button>
+              <button v-else type="button" @click="$emit('remove', {key: group.key})">Remove from the scene</button>
+            </div>
+            <template v-if="!group.repeated || count(group)">
+              <Control v-for="field in fields" :key="path(group, field)" v-bind="bound(group, field)"
+                @change="$emit('change', $event)" @reset="$emit('reset', $event)" @mark="$emit('mark', $event)" @settle="$emit('settle', $event)"></Control>
             </template>
-          </details>
-          <p v-if="!groups.length" class="group-help">No parameter has these words.</p>
-        </template>
+          </template>
+        </details>
+        <p v-if="wanted.length && !found.length && !actions.length" class="group-help">No parameter has these words.</p>
       </div>
     </section>`,
 };

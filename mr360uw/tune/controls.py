@@ -16,19 +16,8 @@ from pydantic_core import to_jsonable_python
 
 from mr360uw.errors import Mr360uwError
 from mr360uw.scene.toml_model import toml_value
-from mr360uw.tune.fields import (
-    FIRST,
-    Field,
-    by_key,
-    groups,
-    keyed_parameters,
-    set_along,
-    set_key,
-    unsaid,
-    values_at,
-    without_effect,
-    without_numbers,
-)
+from mr360uw.tune import fields
+from mr360uw.tune.fields import Field
 from mr360uw.tune.session import Session
 
 TOLD = (Mr360uwError, ValueError, OSError)
@@ -253,12 +242,12 @@ class ControlPanel(Element, component="controls.js"):
         in_words: Callable[[int, str, Any, str | None], bool],
     ) -> None:
         super().__init__()
-        self._in_words, self._words = in_words, dict[str, Any]()
+        self._in_words, self._words, self._chosen = in_words, dict[str, Any](), 0
         self._session, self._document = session, session.document
-        document, tables = session.document, groups()
-        self._fields = by_key(tables)
+        document, tables = session.document, fields.groups()
+        self._fields = fields.by_key(tables)
         self._props["spec"] = to_jsonable_python(tables, fallback=str)
-        self._props["first"] = list(FIRST)
+        self._props["first"] = list(fields.FIRST)
         self.on("change", self._changed)
         self.on("reset", self._reset)
         self.on("add", lambda event: self._try(lambda: document.append(event.args["key"], event.args["table"])))
@@ -272,10 +261,12 @@ class ControlPanel(Element, component="controls.js"):
         """Show the document's values."""
         self.run_method("take", self._state())
 
-    def show_words(self, words: dict[str, Any]) -> None:
-        """Show the present places and sizes of objects, by dotted key, in whichever words the file has them."""
-        if words != self._words:
-            self._words = words
+    def show_words(self, words: dict[str, Any], chosen: int) -> None:
+        """Show the present places and sizes of objects, by dotted key, in whichever words the file has them, and the
+        chosen object.
+        """
+        if (words, chosen) != (self._words, self._chosen):
+            self._words, self._chosen = words, chosen
             self.refresh()
 
     def _state(self) -> dict[str, Any]:
@@ -285,10 +276,11 @@ class ControlPanel(Element, component="controls.js"):
             if field is not None and field.kind == "toml":
                 texts[key] = toml_value(value)
         objects = tree.get("object", [])
-        hidden = [f"object.{k}.{word}" for k, table in enumerate(objects) for word in unsaid(table)]
-        plain, keyed = to_jsonable_python(tree, fallback=str), values_at(self._document, self._session.time_s)
+        hidden = [f"object.{k}.{word}" for k, table in enumerate(objects) for word in fields.unsaid(table)]
+        plain, keyed = to_jsonable_python(tree, fallback=str), fields.values_at(self._document, self._session.time_s)
         return {"tree": plain, "texts": texts, "errors": self._document.problems_by_key, "keyed": keyed,
-                "words": self._words, "hidden": hidden, "idle": self._idle(len(objects))}  # fmt: skip
+                "words": self._words, "chosen": self._chosen, "hidden": hidden,
+                "idle": self._idle(len(objects))}  # fmt: skip
 
     def _idle(self, objects: int) -> dict[str, str]:
         """Return why parameters have no effect, by dotted key."""
@@ -296,7 +288,7 @@ class ControlPanel(Element, component="controls.js"):
         for key in self._fields:
             table, _, name = key.partition(".")
             for at in [f"{table}.{k}.{name}" for k in range(objects)] if table == "object" else [key]:
-                other = without_effect(key, partial(self._now, beside=at))
+                other = fields.without_effect(key, partial(self._now, beside=at))
                 if other:
                     now, label = self._now(other, at)[0], self._fields[other].label
                     found[at] = f"No effect while {label[0].lower() + label[1:]} is {_word(now)}"
@@ -315,7 +307,7 @@ class ControlPanel(Element, component="controls.js"):
         return None if field is None else field.default
 
     def _field(self, key: str) -> Field | None:
-        return self._fields.get(without_numbers(key))
+        return self._fields.get(fields.without_numbers(key))
 
     def _changed(self, event: GenericEventArguments) -> None:
         key, value, group = event.args["key"], event.args["value"], event.args["group"]
@@ -326,14 +318,14 @@ class ControlPanel(Element, component="controls.js"):
         self._try(lambda: self._set(key, value, drag))
 
     def _set(self, key: str, value: Any, group: str | None) -> None:
-        if key in keyed_parameters(self._document):
-            set_key(self._document, key, self._session.time_s, value, group=group)
+        if key in fields.keyed_parameters(self._document):
+            fields.set_key(self._document, key, self._session.time_s, value, group=group)
             return
         table, _, rest = key.partition(".")
         number, _, name = rest.partition(".")
         if table == "object" and number.isdecimal() and self._in_words(int(number), name, value, group):
             return
-        along = set_along(key, partial(self._now, beside=key)) if key in self._fields else {}
+        along = fields.set_along(key, partial(self._now, beside=key)) if key in self._fields else {}
         self._document.apply(f"set {key}", along | {key: value}, group=group)
 
     def _reset(self, event: GenericEventArguments) -> None:

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
+import os
 import secrets
 from collections.abc import Callable
 from functools import partial
@@ -105,29 +107,42 @@ class RenderDialog:
     def _named(self, name: str) -> None:
         self._name = self._out.props["^value"] = name  # also where the dialog is opened again
 
+    def frame(self) -> None:
+        """Render the frame that is shown at full size, to a picture beside the scene with a name that is free."""
+        scene, number = self._document.path.absolute(), self._session.index + self._session.clip.first_number
+        endings = (f".frame-{number:04d}{f'-{k}' if k > 1 else ''}.png" for k in itertools.count(1))
+        out = next(path for ending in endings if not os.path.lexists(path := scene.with_suffix(ending)))
+        self._run("still", out, ["--frame", str(number)])
+        self.open()
+
     def _start(self, *, save: bool) -> None:
-        """Start a run on the saved scene, or on a copy beside it that is removed afterwards."""
-        document, session = self._document, self._session
-        scene, copy = document.path, None
-        if save or not document.dirty:
-            document.save()
-        else:
-            scene = copy = document.path.with_name(f".{document.path.stem}.{secrets.token_hex(4)}.toml")
-            write_whole(copy, document.text)
+        """Start a run over the range; save the scene before, or not."""
+        (start, stop), first = self._session.range, self._session.clip.first_number
+        if save:
+            self._document.save()
         options = [*(["--scale", self._scale] if self._scale != "1" else []), *(["--overwrite"] * self._overwrite)]
-        if session.range != (0, session.frame_count):
-            options += ["--frames", f"{session.range[0]}:{session.range[1]}"]
-        run = session.start_run(document.path.parent / Path(self._name).expanduser())
-        background_tasks.create(_finish(run, scene, copy, [*options, "--backend", session.backend]), name="composite")
+        if (start, stop) != (0, self._session.frame_count):
+            options += ["--frames", f"{start + first}:{stop + first}"]
+        out = self._document.path.parent / Path(self._name).expanduser()
+        self._run("composite", out, ["--progress-lines", *options])
+
+    def _run(self, command: str, out: Path, options: list[str]) -> None:
+        """Start a command on the scene, or, with changes that are not saved, on a copy that is removed afterwards."""
+        run, scene, copy = self._session.start_run(out), self._document.path, None
+        if self._document.dirty:
+            scene = copy = scene.with_name(f".{scene.stem}.{secrets.token_hex(4)}.toml")
+            write_whole(copy, self._document.text)
+        words = [command, str(scene), str(out), *options, "--backend", self._session.backend]
+        background_tasks.create(_finish(run, words, copy), name=command)
 
     def _stop(self) -> None:
         if self._session.run is not None:
             self._session.run.cancel()
 
 
-async def _finish(run: CommandRun, scene: Path, copy: Path | None, options: list[str]) -> None:
+async def _finish(run: CommandRun, words: list[str], copy: Path | None) -> None:
     try:
-        await run.run(["composite", str(scene), str(run.out), "--progress-lines", *options])
+        await run.run(words)
     finally:
         if copy is not None:
             copy.unlink(missing_ok=True)
@@ -144,6 +159,16 @@ def _duration(seconds: float) -> str:
 
 _PATCH_DEG = 12.0
 """Side of the square of open water around a click: hundreds of pixels of a small plate, of one hue."""
+
+
+MATCH_CAUSTICS = (
+    "Finds the waves that make the moving light on the plate's floor: reads two seconds of the clip, about a minute. "
+    "It changes the wind, its direction and the longest wave, and those only when you press Apply."
+)
+_MATCH_WATER = (
+    "Finds the water whose colour the plate has around your click: a few seconds. It changes the water, and that only "
+    "when you press Apply."
+)
 
 
 class MatchDialog:
@@ -166,18 +191,18 @@ class MatchDialog:
     def caustics(self) -> None:
         """Fit the sea to the caustics on the plate's floor."""
         scene = self._session.document.scene
-        self._start("Match the caustics on the floor", "matched caustics", lambda: match.match_caustics(scene))
+        self._start("Match the floor's light", MATCH_CAUSTICS, "matched caustics", lambda: match.match_caustics(scene))
 
     def water(self, point: Point) -> None:
         """Fit the water to the plate around a point."""
         scene, index = self._session.document.scene, self._session.index
-        self._start("Match the water", "matched water", partial(_water, scene, point, index))
+        self._start("Match the water", _MATCH_WATER, "matched water", partial(_water, scene, point, index))
 
-    def _start(self, title: str, name: str, job: Callable[[], Any]) -> None:
+    def _start(self, title: str, text: str, name: str, job: Callable[[], Any]) -> None:
         self._dialog.open()
         if not self._running:
             self._running, self._name = True, name
-            self._title.text, self._text.text = title, "Measuring the plate …"
+            self._title.text, self._text.text = title, text
             self._bar.set_visibility(True)
             self._apply.enable(False)
             self._shown.clear()
@@ -244,35 +269,45 @@ def _plain(value: Any) -> Any:
 
 # The page's "Find depth": runs `mr360uw depth` on the plate, shows how far it is, and names the maps in the scene.
 
-_TITLE = (
-    "find how far away everything in the plate is, from the motion of its camera or by its two eyes: bodies then go "
-    "behind what is nearer. A frame takes about {:.1f} s, all {} about {:.0f} min; press again to stop, what is found "
-    "stays"
+_DEPTH = (
+    "Finds how far away everything in the plate is, from the motion of its camera or by its two eyes: objects then go "
+    "behind what is nearer. A frame takes about {:.1f} s, all {} about {:.0f} min; you can go on meanwhile.\n"
+    "It writes maps into the folder {}, and then names them in the scene as plate.depth, which Undo takes back. Press "
+    "the button again to stop: what is found stays."
 )
 
 
 class DepthTool:
-    """The button of a tab; pressed again, it ends the run."""
+    """The button of a tab, and the dialog that says what it will do; pressed again, it ends the run."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._run: CommandRun | None = None
-        frames = session.frame_count
-        eyes = session.document.scene.plate.eye == "both"
+        frames, eyes = session.frame_count, session.document.scene.plate.eye == "both"
         frame_s = DEPTH_EYES_S if eyes else DEPTH_FRAME_S
-        title = _TITLE.format(frame_s, frames, max(frames * frame_s / 60.0, 1.0))
-        self._button = Button("Find depth", self._pressed, title=title)
+        self._folder = session.document.path.with_name(f"{session.document.path.stem}.depth")
+        words = _DEPTH.format(frame_s, frames, max(frames * frame_s / 60.0, 1.0), self._folder.name)
+        self._button = Button("Find depth", self._pressed, title="how far away everything in the plate is")
         self._button.set_visibility(frames > 1 or eyes)
+        with ui.dialog() as self._dialog, ui.element("div").classes("card").props("aria-label='Find depth'"):
+            Text("Find depth", "h2")
+            Text(words, "p")
+            with ui.element("div").classes("row-field"):
+                Button("Start", self._start, classes="primary")
+                ui.element("span").classes("grow")
+                Button("Close", self._dialog.close)
 
-    async def _pressed(self) -> None:
-        # Pressed again, it stops
-        if self._run is not None:
+    def _pressed(self) -> None:
+        if self._run is None:
+            self._command()
+            self._dialog.open()
+        else:
             self._run.cancel()
-            return
-        # Ask for the eyes' distance or the camera's track, which give the scale
-        scene, path = self._session.document.scene, self._session.document.path
-        folder = path.with_name(f"{path.stem}.depth")
-        command = ["depth", str(scene.plate.path), "-o", str(folder)]
+
+    def _command(self) -> list[str]:
+        """Return the words of the command; raise `ParameterError` where nothing gives the scale."""
+        scene = self._session.document.scene
+        command = ["depth", str(scene.plate.path), "-o", str(self._folder)]
         if scene.plate.eye == "both":
             command += ["--eye", "both", "--ipd", str(scene.camera.ipd_m)]
         elif scene.camera.track is None:
@@ -283,8 +318,13 @@ class DepthTool:
         else:
             command += ["--track", str(scene.camera.track)]
             command += [] if scene.plate.eye is None else ["--eye", scene.plate.eye]
-        # Run it, and name its maps in the scene
-        run = self._run = CommandRun(folder, self._show)
+        return command
+
+    async def _start(self) -> None:
+        """Run it, and name its maps in the scene."""
+        self._dialog.close()
+        command, run = self._command(), CommandRun(self._folder, self._show)
+        self._run = run
         self._show()
         try:
             await run.run([*command, "--progress-lines"])

@@ -74,7 +74,7 @@ class Field:
 class Group:
     """A table of a scene. kinds: the fields that users set, by the names of its kinds, the default first; "" for one.
 
-    tag: key that chooses among them.
+    tag: key that chooses among them. everyday: words by which all of it is found.
     """
 
     key: str
@@ -84,6 +84,7 @@ class Group:
     optional: bool
     tag: str
     kinds: dict[str, tuple[Field, ...]]
+    everyday: str
 
 
 def groups() -> tuple[Group, ...]:
@@ -98,8 +99,8 @@ def groups() -> tuple[Group, ...]:
             own = [(n, f.alias or n, f) for n, f in model.model_fields.items() if not stated(f, "internal")]
             kinds[kind] = tuple(_field(key, word, f, tags if n == tag else (), changes) for n, word, f in own)
         optional, repeated = field.default is None, isinstance(field.default, tuple)
-        title = CONTROLS["titles"].get(key, _label(key))
-        found.append(Group(key, title, field.description or "", repeated, optional, tag, kinds))
+        title, everyday = CONTROLS["titles"].get(key, _label(key)), CONTROLS["everyday"].get(key, "")
+        found.append(Group(key, title, field.description or "", repeated, optional, tag, kinds, everyday))
     return tuple(found)
 
 
@@ -136,7 +137,7 @@ def _field(table: str, key: str, field: FieldInfo, tags: tuple[str, ...], change
         None if default is None else toml_value(default), bounds_text(field), low, high, span, logarithmic,
         1.0 if span is None or kind == "integer" else _step(span, default, logarithmic), optional, field.is_required(),
         choices, len(get_args(options[0])) if kind in ("vector", "colour") else 0, changes,
-        " ".join(CONTROLS["everyday"].get(part, "") for part in path.split(".")),
+        " ".join(CONTROLS["everyday"].get(part, "") for part in (key, path)),
     )  # fmt: skip
 
 

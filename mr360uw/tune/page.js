@@ -9,8 +9,9 @@ document.addEventListener("keydown", (event) => {
   if (control && key === "s") name = "save";
   else if (control && !typing && key === "z") name = event.shiftKey ? "redo" : "undo";
   else if (control && !typing && key === "y") name = "redo";
+  else if (key === "escape" && !event.defaultPrevented && !event.target.closest(".controls") && !document.querySelector(".q-dialog, .q-menu")) name = "close";
   else if (!field && !control && !event.altKey) {
-    name = { ",": "darker", ".": "brighter" }[key];
+    name = { ",": "darker", ".": "brighter", h: "marks" }[key];
     if (free) name ??= { " ": "play", arrowleft: "back", arrowright: "forward", home: "start", end: "end" }[key];
   }
   if (!name) return;

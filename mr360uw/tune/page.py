@@ -15,7 +15,7 @@ from mr360uw.errors import OutputExistsError
 from mr360uw.scene.key_targets import target_of
 from mr360uw.tune import fields
 from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, alert, menu, tell_error
-from mr360uw.tune.dialogs import DepthTool, MatchDialog, RenderDialog
+from mr360uw.tune.dialogs import MATCH_CAUSTICS, DepthTool, MatchDialog, RenderDialog
 from mr360uw.tune.place_tools import PlaceTools, ShownPicture
 from mr360uw.tune.session import Event, Session
 
@@ -40,10 +40,11 @@ class TunePage:
             self.render = RenderDialog(session)
             self.match = MatchDialog(session)
             with self.header.tools:
-                Button("Match caustics", self.match.caustics, title="fit the sea to the caustics on the plate's floor")
+                Button("Match caustics", self.match.caustics, title=MATCH_CAUSTICS)
                 MeasureTool(session)
                 DepthTool(session)
-                Button("Render …", self.render.open, title="composite the whole clip")
+                Button("Render frame", self.render.frame, title="at full size, to a new picture beside the scene")
+                Button("Render …", self.render.open, title="the clip, or the range").props("data-words=resolution")
             self.place = PlaceTools(session, self.stage, self.match.water, self.controls.show_words)
             self.time = TimePanel(session)
         ui.on_exception(tell_error)
@@ -87,6 +88,8 @@ class TunePage:
             "back": lambda: session.seek(session.index - 1), "forward": lambda: session.seek(session.index + 1),
             "start": lambda: session.seek(session.range[0]), "end": lambda: session.seek(session.range[1] - 1),
             "darker": lambda: self.place.trim(-1), "brighter": lambda: self.place.trim(1),
+            "marks": lambda: self.stage.viewer.run_method("hide"),
+            "close": self.place.choose if self.place.tool else self.time.choose,
         }  # fmt: skip
         if name in actions:
             actions[name]()
@@ -112,8 +115,8 @@ class Header:
         with ui.element("header").classes("page-header") as self.root:
             Text(document.path.name, "h1").props["title"] = str(document.path.resolve())
             self._unsaved = Text("", classes="muted unsaved").props("role=status")
-            self._undo = Button("↶ Undo", document.undo)
-            self._redo = Button("↷ Redo", document.redo)
+            self._undo = Button("↶", document.undo).props("aria-label=Undo")
+            self._redo = Button("↷", document.redo).props("aria-label=Redo")
             Button("Save", save, title="save the scene file (Ctrl+S)", classes="primary")
             with menu("Presets", "values that suit one kind of dive"):
                 for name, values in PRESETS.items():
@@ -199,6 +202,7 @@ class TimePanel:
             self._line = Timeline(session.frame_count, float(clip.frame_rate))
             with ui.element("div").classes("foot-bar") as self._bar:
                 self._choice = Choice("Keyed parameter", {"": "no curve"}, "", self.choose)
+                self._shut = Button("Close curve", self.choose, title="show no curve (Escape)")
         self._line.on_seek(lambda frame, how: session.seek(frame, scrubbing=how == "scrub", playing=how == "play"))
         self._line.on_play(lambda playing: setattr(self, "_playing", playing))
         self._line.on_range(session.set_range)
@@ -212,7 +216,7 @@ class TimePanel:
         """Start or stop playing."""
         self._line.run_method("play", not self._playing)
 
-    def choose(self, name: str) -> None:
+    def choose(self, name: str = "") -> None:
         """Show the curve of a keyed parameter, "name" or "name component"; "": none."""
         self._chosen = name
         self.refresh()
@@ -244,6 +248,7 @@ class TimePanel:
             self._chosen = ""
         self._choice.offer(names, self._chosen)
         self._bar.set_visibility(len(names) > 1)
+        self._shut.set_visibility(bool(self._chosen))
         self._line.set_curve(self._curve(names[self._chosen]) if self._chosen else None)
 
     def follow(self) -> None:

@@ -22,9 +22,10 @@ from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
 from mr360uw.tune.situation import SNAPSHOT, Compare, Drag, Marker, Situation, Viewer
 from mr360uw.tune.views import VIEW_NAMES
+from mr360uw.types import Floats
 
 _TOOLS = {
-    "": "Click: nothing",
+    "": "Click: choose an object",
     "stand": "Click: stand here",
     "swim": "Click: swim there",
     "sun": "Click: the sun is here",
@@ -34,8 +35,8 @@ _TOOLS = {
     **PATCH_TOOLS,
     "lasso": "Draw: a matte",
 }
-_WORDS = {"position_m": (*POLAR, "stand_on"), "rotation_deg": ("face",)}
-"""Keys of an object that give way to a position or rotation that is set by hand."""
+_SAME_M = 1e-3
+"""Change of height [m] below which an object still stands."""
 _TURN_STEP_DEG = 15.0
 """Step of a turn while Shift is held."""
 _LEAST_STOPS, _MOST_STOPS = bounds_of(ObjectSettings.model_fields["exposure"])
@@ -43,9 +44,10 @@ _LEAST_STOPS, _MOST_STOPS = bounds_of(ObjectSettings.model_fields["exposure"])
 
 
 class PlaceTools:
-    """The placing tools of a tab. match_water: called with the point of open water clicked.
+    """The placing tools of a tab. tool: what a click does, by its name of the list; "": it chooses an object.
 
-    show_words: called with the present places and sizes of objects, by dotted key.
+    match_water: called with the point of open water clicked.
+    show_words: called with the present places and sizes of objects, by dotted key, and the chosen object's number.
     """
 
     def __init__(
@@ -53,18 +55,18 @@ class PlaceTools:
         session: Session,
         stage: ShownPicture,
         match_water: Callable[[Point], None],
-        show_words: Callable[[dict[str, Any]], None],
+        show_words: Callable[[dict[str, Any], int], None],
     ) -> None:
         self._session, self._document = session, session.document
         self._viewer, self._match_water, self._show_words = stage.viewer, match_water, show_words
-        self._tool, self._number = "", 0
+        self.tool, self._number = "", 0
         self._situation: Situation | None = None
         self._drag: tuple[Situation, str, int] | None = None
         self._in_turn = asyncio.Lock()
         self._asked = 0
         # Controls above the picture
         with stage.tools:
-            self._choice = Choice("What a click in the picture does", _TOOLS, "", self._choose)
+            self._choice = Choice("What a click in the picture does", _TOOLS, "", self.choose)
             self._go = Button("Go to", self._go_to, title="look at the chosen object")
             self._face = Button("Face camera", self._face_camera, title="turn the chosen object's nose to the camera")
             with ui.element("span").classes("segments").props("role=group aria-label='Exposure of the chosen object'"):
@@ -78,12 +80,13 @@ class PlaceTools:
             self._level = LevelTool(session, self._mark)
             self._patch = PatchTool(session)
             self._lasso = LassoTool(session, self._mark)
+            self._shut = Button("Close", self.choose, title="no tool: a click chooses an object (Escape)")
         # What happens in the picture
         self._viewer.on_pick(self._picked)
         self._viewer.on_stroke(self._lasso.add)
         self._viewer.on_drag(self._dragged)
         self._viewer.on_select(self._selected)
-        self._choose("")
+        self.choose()
 
     def select(self, number: int) -> None:
         """Choose an object by its number."""
@@ -120,16 +123,16 @@ class PlaceTools:
 
     def _mark(self) -> None:
         here = self._situation
-        draws = self._tool == "lasso"  # then marks and handles would be in the way
+        draws = self.tool == "lasso"  # then marks and handles would be in the way
         marks = [] if here is None or draws else list(here.marks)
         marks += [
             Marker(f"click.{k}", p.longitude, p.latitude, "spot", str(k + 1), handles=())
             for k, p in enumerate(self._floor.clicks + self._level.clicks)
         ]
-        marks += self._patch.marks() if self._tool in PATCH_TOOLS else []
+        marks += self._patch.marks() if self.tool in PATCH_TOOLS else []
         self._viewer.set_lines(self._lasso.drawn() if draws else [])
         self._viewer.set_drawing(self._lasso.kind if draws else "")
-        self._viewer.set_marks(marks, here.edge if here is not None and self._tool in ("stand", "floor") else ())
+        self._viewer.set_marks(marks, here.edge if here is not None and self.tool in ("stand", "floor") else ())
         self._viewer.select(f"object.{self._number}")
         for button in (self._face, self._go, *self._trims):
             button.enable(bool(here is not None and here.bodies))
@@ -137,7 +140,8 @@ class PlaceTools:
             keys = [f"object.{number}" for number in range(len(here.bodies))]
             stands = [self._document.get(f"{key}.stand_on") is not None for key in keys]
             words = {key: here.words(k, level=stands[k]) for k, key in enumerate(keys)}
-            self._show_words({f"{at}.{word}": value for at, of in words.items() for word, value in of.items()})
+            every = {f"{at}.{word}": value for at, of in words.items() for word, value in of.items()}
+            self._show_words(every, self._number)
 
     def set_word(self, number: int, name: str, value: Any, group: str | None) -> bool:
         """Set a word of an object's place or size, in place of those that say the same; return False where nothing but
@@ -170,37 +174,41 @@ class PlaceTools:
         if point is not None:
             self._viewer.turn_to(point)
 
-    def _choose(self, tool: str) -> None:
-        self._tool = tool
+    def choose(self, tool: str = "") -> None:
+        """Take a tool of the list; "": none."""
+        self.tool = tool
         self._choice.choose(tool)
+        self._shut.set_visibility(bool(tool))
         self._patch.begin(shown=tool in PATCH_TOOLS)
         self._floor.begin(shown=tool == "floor")
         self._level.begin(shown=tool == "level")
         self._lasso.begin(shown=tool == "lasso")
 
     async def _picked(self, point: Point) -> None:
-        if self._tool == "water":
+        if self.tool == "water":
             self._match_water(point)
-        elif self._tool in PATCH_TOOLS:
-            self._patch.add(point, self._tool)
-        elif self._tool == "lasso":
+        elif self.tool in PATCH_TOOLS:
+            self._patch.add(point, self.tool)
+        elif self.tool == "lasso":
             self._lasso.add([point])
-        elif self._tool:
+        elif self.tool:
             await self._place(point)
+        elif self._situation is not None and (found := self._situation.at(point)) is not None:
+            self.select(found)
 
     async def _place(self, point: Point) -> None:
         """Ask for the frame's geometry, and place floor, sun or object by it."""
         here = await self._ask()
-        if self._tool in ("floor", "level"):
-            (self._floor if self._tool == "floor" else self._level).add(here.camera, point)
-        elif self._tool == "sun":
+        if self.tool in ("floor", "level"):
+            (self._floor if self.tool == "floor" else self._level).add(here.camera, point)
+        elif self.tool == "sun":
             azimuth, elevation = (_short(angle, 2) for angle in here.sun_angles_deg(point))
             angles = {"light.sun_azimuth_deg": azimuth, "light.sun_elevation_deg": elevation}
             self._document.apply("sun by click", {"light.sun": "given", **angles})
         else:
             self._check_number(here)
-            place = here.standing if self._tool == "stand" else here.swimming
-            self._put_object(self._number, "position_m", _vector(place(self._number, point)))
+            place = here.standing if self.tool == "stand" else here.swimming
+            self._move(here, self._number, place(self._number, point))
 
     async def _dragged(self, drag: Drag) -> None:
         async with self._in_turn:  # the end of a short drag waits for what its start asks
@@ -230,12 +238,17 @@ class PlaceTools:
         body = here.bodies[number]
         point = drag.start if drag.phase == "cancel" else drag.point
         shown = here.shown(number)
-        if drag.handle == "move":
-            self._put_object(number, "position_m", _vector(here.swimming(number, point)), group)
+        if drag.handle in ("move", "reach"):
+            stands = self._document.get(f"object.{number}.stand_on") is not None
+            to = shown if drag.handle == "reach" and shown is not None else point  # a mark may be of before
+            self._move(here, number, here.swimming(number, to, drag.farther, level=stands), group)
         elif shown is not None and drag.handle == "turn":
-            step = _TURN_STEP_DEG if drag.shift else 0.0
-            yaw = placing.yaw_by_drag(body.rotation_deg[0], shown, drag.start, point, step)
-            self._put_object(number, "rotation_deg", [_short(yaw, 2), *body.rotation_deg[1:]], group)
+            # An azimuth that it faces turns; a rotation does, which is from there where it faces the camera
+            face, (yaw, *rest) = body.settings.face, body.settings.rotation_deg
+            before, step = face if isinstance(face, float) else yaw, _TURN_STEP_DEG if drag.shift else 0.0
+            now = _short(placing.yaw_by_drag(before, shown, drag.start, point, step), 2)
+            word, value = ("face", now) if isinstance(face, float) else ("rotation_deg", [now, *rest])
+            self._put(f"object.{number}.{word}", value, group)
         elif shown is not None:
             with self._document.together(f"scale object.{number}", group=group):
                 for word, before in body.sizes.items():
@@ -245,21 +258,29 @@ class PlaceTools:
     def _face_camera(self) -> None:
         assert self._situation is not None
         self._check_number(self._situation)
-        yaw = _short(self._situation.facing_yaw_deg(self._number), 2)
-        rest = self._situation.bodies[self._number].rotation_deg[1:]
-        self._put_object(self._number, "rotation_deg", [yaw, *rest])
+        key, (_, *rest) = f"object.{self._number}", self._situation.bodies[self._number].settings.rotation_deg
+        rotation = [0.0, *rest] if any(rest) else None
+        self._document.apply(f"set {key}.face", {f"{key}.face": "camera", f"{key}.rotation_deg": rotation})
 
     def _check_number(self, here: Situation) -> None:
         if not here.bodies:
             raise ParameterError("object - there is none to place (got 0) - add one first")
         self._number = min(self._number, len(here.bodies) - 1)
 
-    def _put_object(self, number: int, name: str, value: Any, group: str | None = None) -> None:
-        """Set a parameter of an object in place of the words that say the same."""
-        key = f"object.{number}"
-        with self._document.together(f"set {key}.{name}", group=group):
-            self._document.apply(f"set {key}.{name}", {f"{key}.{word}": None for word in _WORDS[name]})
-            self._put(f"{key}.{name}", value, group)
+    def _move(self, here: Situation, number: int, position: Floats, group: str | None = None) -> None:
+        """Set the place of an object, a position (3,) in the world, in the words that the file has for it."""
+        key, raised = f"object.{number}", abs(position[1] - here.bodies[number].position[1]) > _SAME_M
+        table = self._document.get(key)
+        stands = table.get("stand_on") is not None and not raised
+        now, before = (here.words(number, at, level=stands) for at in (position, None))
+        # Of directions and distances, those that the file has and those that change
+        words = [w for w in POLAR if w in table or (now[w] != before[w] and not (stands and w == "elevation_deg"))]
+        words = words if any(w in table for w in POLAR) else ["position_m"]
+        with self._document.together(f"move {key}", group=group):
+            if raised:
+                self._document.apply(f"move {key}", {f"{key}.stand_on": None})
+            for word in words:
+                self._put(f"{key}.{word}", now[word], group)
 
     def _put(self, key: str, value: Any, group: str | None = None) -> None:
         """Set a parameter, or its key of this time where it has keys."""

@@ -150,15 +150,6 @@ def _first_height(triangles: Floats, points: Floats, start_y: float) -> Floats:
     return height
 
 
-def facing_yaw_deg(camera_position: Floats, position: Floats) -> float:
-    """Return the yaw [deg] of an object at `position` whose nose (-z) points to the camera, seen from above.
-
-    Straight above or below the camera every yaw does; 0 is returned.
-    """
-    towards = np.asarray(camera_position) - np.asarray(position)
-    return float(np.degrees(np.arctan2(towards[0], -towards[2]))) if np.any(towards[::2]) else 0.0
-
-
 def yaw_by_drag(yaw_deg: float, center: Point, start: Point, end: Point, step_deg: float = 0.0) -> float:
     """Return the yaw [deg], in (-180, 180], of an object after a drag, as if its near side were gripped.
 

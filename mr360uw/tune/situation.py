@@ -14,8 +14,7 @@ import numpy as np
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from mr360uw.base.sphere import direction_from_frame
-from mr360uw.composite.motion import yaw_pitch_roll_deg
+from mr360uw.base.sphere import direction_from_frame, unit
 from mr360uw.errors import ParameterError
 from mr360uw.preview.live import COARSE_WIDTH, coarse
 from mr360uw.scene.model import Scene
@@ -31,9 +30,11 @@ if TYPE_CHECKING:
 
 
 Kind = Literal["object", "sun", "lamp", "spot"]
-Handle = Literal["move", "turn", "scale"]
+Handle = Literal["move", "turn", "scale", "reach"]
 _AZIMUTHS, _ELEVATIONS = 180, 90
 """Directions in which the edge of a receiver is looked for: 2 degrees apart."""
+_REACH = 4.0
+"""Most times farther that a drag moves what stands: towards the horizon its distance has no bound."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,11 +147,6 @@ class SituatedObject:
         return self.placed.mesh.hull, self.placed.world_from_object[:3, :3] / self.placed.scale, self.placed.scale
 
     @property
-    def rotation_deg(self) -> tuple[float, ...]:
-        """Yaw, pitch and roll, as set, or as `face` makes them."""
-        return self.settings.rotation_deg if self.settings.face is None else yaw_pitch_roll_deg(self.shape[1])
-
-    @property
     def sizes(self) -> dict[str, float]:
         """All numbers that its size is proportional to, by their keys below its table."""
         if self.settings.size_m is not None:
@@ -181,23 +177,39 @@ class Situation:
         self._plate_depth, self._index = loaded.plate_depth, index
 
     def standing(self, number: int, point: Point) -> Floats:
-        """Return the position setting of an object that stands where a point shows the plate, if `plate.depth` is sure
-        of the distance there, else the receiver.
+        """Return the position (3,) in the world of an object that stands where a point shows the plate, if
+        `plate.depth` is sure of the distance there, else the receiver.
         """
         depth = self._plate_depth
         shown_m = np.inf if depth is None else float(depth.toward(self._index, point.direction))
         if np.isfinite(shown_m):
-            foot = placing.foot(*self.bodies[number].shape)
-            on_it = placing.at_distance(self.camera, point, shown_m) - foot
-            return self.setting_of(number, on_it)
+            return placing.at_distance(self.camera, point, shown_m) - placing.foot(*self.bodies[number].shape)
         if self.receiver is None:
             raise ParameterError("receiver - is not in the scene (got none) - add the sea floor first")
-        return self.setting_of(number, placing.stand_at(self.camera, point, self.receiver, *self.bodies[number].shape))
+        return placing.stand_at(self.camera, point, self.receiver, *self.bodies[number].shape)
 
-    def swimming(self, number: int, point: Point) -> Floats:
-        """Return the position setting of an object whose middle is moved to a point, as far away as it is."""
-        body = self.bodies[number]
-        return self.setting_of(number, placing.swim_to(self.camera, point, body.center) - body.center + body.position)
+    def swimming(self, number: int, point: Point, farther: float = 1.0, *, level: bool = False) -> Floats:
+        """Return the position (3,) in the world of an object whose middle is moved to a point, `farther` times as far
+        away as it is. level: at the height that it has, as one that stands.
+        """
+        body, start, toward = self.bodies[number], self.camera.position, placing.ray(self.camera, point)
+        away = body.center - start
+        beside, slope = float(np.hypot(*away[::2])), toward[1] / max(float(np.hypot(*toward[::2])), 1e-9)
+        moved = placing.swim_to(self.camera, point, start + farther * away)
+        if level:
+            reach = min(away[1] / slope, _REACH * beside) if away[1] * slope > 0.0 else beside
+            moved = start + farther * reach * unit(toward * (1.0, 0.0, 1.0)) + (0.0, away[1], 0.0)
+        return moved - body.center + body.position
+
+    def at(self, point: Point) -> int | None:
+        """Return the number of the nearest object whose hull a point shows; None beside all."""
+        from mr360uw.base.rays import RayScene
+
+        hulls = [body.placed.to_world(body.placed.mesh.hull) for body in self.bodies]
+        owner = np.repeat(np.arange(len(hulls)), [len(hull) for hull in hulls])
+        scene = RayScene(np.concatenate([*hulls, np.zeros((0, 3, 3))]))
+        (found,) = scene.first_hit(self.camera.position[None], placing.ray(self.camera, point)[None])
+        return int(owner[found]) if found >= 0 else None
 
     def setting_of(self, number: int, position: Floats) -> Floats:
         """Return the position setting of an object for a position (3,) in the world."""
@@ -205,13 +217,17 @@ class Situation:
         of_camera = body.settings.attach == "camera"
         return placing.in_camera(self.camera, position) if of_camera else position - body.lifted
 
-    def words(self, number: int, *, level: bool = False) -> dict[str, Any]:
+    def words(self, number: int, position: Floats | None = None, *, level: bool = False) -> dict[str, Any]:
         """Return the place and the size of an object in all words that a scene file has for them.
 
-        level: whether `distance_m` is along the ground, as of one that stands on it.
+        position: (3,) in the world; None: where it is. level: whether `distance_m` is along the ground, as of one that
+        stands on it.
         """
         body = self.bodies[number]
-        place, middle = (self.setting_of(number, at) for at in (body.position, body.center))
+        at = body.position if position is None else position
+        place, middle = (self.setting_of(number, one) for one in (at, at + body.center - body.position))
+        if body.settings.polar and (level or body.settings.stand_on is None):  # its middle at rest, whatever it moves
+            middle = body.settings.place_m + place - self.setting_of(number, body.position)
         hull, _, scale = body.shape
         beside, away = float(np.hypot(middle[0], middle[2])), float(np.linalg.norm(middle))
         return {
@@ -221,13 +237,6 @@ class Situation:
             "distance_m": round(beside if level else away, 4),
             "size_m": float(f"{float(np.ptp(hull.reshape(-1, 3), axis=0).max()) * scale:.4g}"),
         }
-
-    def facing_yaw_deg(self, number: int) -> float:
-        """Return the yaw setting [deg] of an object that turns its nose to the camera."""
-        body = self.bodies[number]
-        if body.settings.attach == "camera":
-            return placing.facing_yaw_deg(np.zeros(3), placing.in_camera(self.camera, body.position))
-        return placing.facing_yaw_deg(self.camera.position, body.position)
 
     def shown(self, number: int) -> Point | None:
         """Return the point that shows an object's middle; None at the camera."""
@@ -271,7 +280,7 @@ class Drag:
     """A drag of a handle, or an arrow key on it: from `start` to `point`. name: of the marker.
 
     phase: "start", then any number of "move" (at most 25 a second), then "end", or "cancel" where nothing is to change.
-    shift: whether that key is held.
+    shift: whether that key is held. farther: factor on the distance, of handle "reach", the wheel over an object.
     """
 
     phase: Phase
@@ -280,6 +289,7 @@ class Drag:
     start: Point
     point: Point
     shift: bool
+    farther: float = 1.0
 
 
 class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
@@ -389,7 +399,7 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
             a, start = event.args, event.args["start"]
             began = Point(start["longitude"], start["latitude"])
             here = Point(a["longitude"], a["latitude"])
-            return handler(Drag(a["phase"], a["handle"], a["name"], began, here, a["shift"]))
+            return handler(Drag(a["phase"], a["handle"], a["name"], began, here, a["shift"], a.get("farther", 1.0)))
 
         self.on("drag", told)
 

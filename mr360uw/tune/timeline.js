@@ -34,7 +34,7 @@ export default {
       chosen: -1,
       waiting: false, // for the samples of keys that have changed
       heldBounds: null, // of the value axis, while a key is dragged
-      box: { width: 800, height: 128, left: 64, right: 22, top: 18, bottom: 22 },
+      box: { width: 800, height: 112, left: 64, right: 22, top: 18, bottom: 22 },
     };
   },
   created() {

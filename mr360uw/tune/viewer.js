@@ -13,6 +13,8 @@ const MOVE_MS = 40; // least time between two events of a drag
 const VIEW_MS = 150; // and between two of a view
 const TURN_DEG = 5; // of an arrow key
 const HANDLE_PX = 44; // least distance of a handle from the middle of its object
+const [SMALL_PX, BESIDE_PX] = [110, 14]; // radius below which an object's mark and handle are beside it, and how far
+const REACH_MS = 400; // without a turn of the wheel that end a change of distance
 const FAR_PX = 1e5; // beyond which a line is not drawn
 const FOV = { low: 20, high: 140, start: 90 };
 const ZOOM = { low: 1, near: 3, high: 16 };
@@ -51,6 +53,7 @@ export default {
       comparison: this.compare,
       wrong: "",
       dragged: null, // { handle, name, longitude, latitude } while a handle is held
+      bare: false, // without marks and handles
       stroke: [], // points of the line that is being drawn
       pointed: null, // what is under the pointer
     };
@@ -61,6 +64,7 @@ export default {
     this.newestOther = -1;
     this.asked = null;
     this.held = null;
+    this.reached = null; // { handle, name, longitude, latitude, start, farther } while the wheel moves an object
     this.events = new Throttle((name, told) => this.$emit(name, told));
   },
   mounted() {
@@ -110,11 +114,11 @@ export default {
       return this.shown.coarse ? "rendering \u2013 draft" : "";
     },
     placed() {
-      return this.wraps ? this.markers.map((one) => this.place(one, one)).filter((one) => one.at) : [];
+      return this.wraps && !this.bare ? this.markers.map((one) => this.place(one, one)).filter((one) => one.at) : [];
     },
     handles() {
       const one = this.markers.find((marker) => marker.name === this.selected);
-      if (!one || !this.wraps) return [];
+      if (!one || !this.wraps || this.bare) return [];
       const scale = pixelsPerRadian(this.seen, this.pane, one);
       const most = Math.min(1.2, (0.3 * Math.min(this.pane.width, this.pane.height)) / scale); // they stay in sight
       const arm = Math.min(Math.max((one.radius || 0) * 1.3, HANDLE_PX / scale), most);
@@ -122,7 +126,8 @@ export default {
         .map((h) => {
           const held = this.dragged?.handle === h.handle && this.dragged.name === one.name ? this.dragged : null;
           const point = held || (h.handle === "move" ? one : pointBeside(one, arm, h.right, h.up));
-          return this.place({ ...h, name: one.name, label: `${h.words} ${one.label || one.name}`, point, arm }, point);
+          const look = { name: one.name, label: `${h.words} ${one.label || one.name}`, radius: h.handle === "move" ? one.radius : 0 };
+          return this.place({ ...h, ...look, point, arm }, point);
         })
         .filter((h) => h.at);
     },
@@ -245,7 +250,13 @@ export default {
     place(marker, point) {
       const at = coordinatesOf(this.seen, this.pane, point);
       const inside = at && at.x >= 0 && at.x <= this.pane.width && at.y >= 0 && at.y <= this.pane.height;
-      return { ...marker, at: inside ? { left: `${at.x}px`, top: `${at.y}px` } : null };
+      const radius = (marker.radius || 0) * pixelsPerRadian(this.seen, this.pane, point);
+      const beside = radius && radius < SMALL_PX ? radius + BESIDE_PX : 0;
+      const aside = inside && at.x + beside > this.pane.width ? -beside : beside;
+      return { ...marker, aside, at: inside ? { left: `${at.x + aside}px`, top: `${at.y}px` } : null };
+    },
+    hide() {
+      this.bare = !this.bare;
     },
 
     // A path of SVG through points [longitude, latitude].
@@ -326,7 +337,21 @@ export default {
       event.preventDefault();
       const lines = event.deltaMode === 1 ? 33 : 1;
       const { x, y } = this.inPane(event);
-      this.enlarge(Math.exp(-0.0015 * clamp(event.deltaY * lines, -300, 300)), x, y);
+      const factor = Math.exp(-0.0015 * clamp(event.deltaY * lines, -300, 300));
+      const one = this.markers.find((marker) => marker.name === this.selected && marker.radius);
+      const at = one && this.wraps && coordinatesOf(this.seen, this.pane, one);
+      const away = at ? Math.hypot(x - at.x, y - at.y) - one.radius * pixelsPerRadian(this.seen, this.pane, one) : Infinity;
+      if (away < BESIDE_PX) this.reach(one, 1 / factor, event);
+      else this.enlarge(factor, x, y);
+    },
+    // The wheel over the chosen object changes its distance, as one drag until it rests.
+    reach({ name, longitude, latitude }, factor, event) {
+      const held = { handle: "reach", name, longitude, latitude, start: { longitude, latitude }, farther: 1 };
+      if (!this.reached) this.tell("start", event, (this.reached = held));
+      this.reached.farther *= factor;
+      this.tell("move", event, this.reached);
+      clearTimeout(this.rest);
+      this.rest = setTimeout(() => (this.reached = this.tell("end", event, this.reached)), REACH_MS);
     },
     inPane(event) {
       const box = this.$refs.canvas.getBoundingClientRect();
@@ -435,13 +460,13 @@ export default {
       if (event.button !== 0) return;
       event.target.closest("button").setPointerCapture(event.pointerId);
       const { longitude, latitude } = handle.point;
-      this.dragged = { handle: handle.handle, name: handle.name, longitude, latitude, start: { longitude, latitude } };
+      this.dragged = { handle: handle.handle, name: handle.name, longitude, latitude, start: { longitude, latitude }, aside: handle.aside };
       this.tell("start", event);
     },
     pull(event) {
       if (!this.dragged) return;
       const { x, y } = this.inPane(event);
-      const found = shownAt(this.seen, this.pane, x, y);
+      const found = shownAt(this.seen, this.pane, x - this.dragged.aside, y);
       if (!found || found.longitude === undefined) return;
       this.dragged = { ...this.dragged, longitude: found.longitude, latitude: found.latitude };
       this.tell("move", event);
@@ -451,16 +476,15 @@ export default {
       this.tell(phase, event);
       this.dragged = null;
     },
-    tell(phase, event) {
-      const { handle, name, longitude, latitude, start } = this.dragged;
-      const told = { phase, handle, name, longitude, latitude, start, ...this.modifiers(event) };
+    tell(phase, event, { handle, name, longitude, latitude, start, farther = 1 } = this.dragged) {
+      const told = { phase, handle, name, longitude, latitude, start, farther, ...this.modifiers(event) };
       if (phase === "move") return this.events.later("drag", MOVE_MS, told);
       this.events.now("drag", told);
     },
     // An arrow key on a handle is a short drag of it.
     nudge(event, handle) {
       const [right, up] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key] || [];
-      if (event.key === "Escape" && this.dragged) return this.release(event, "cancel");
+      if (event.key === "Escape" && this.dragged) return event.preventDefault(), this.release(event, "cancel");
       if (right === undefined) return;
       event.preventDefault();
       const large = event.shiftKey ? 5 : 1;

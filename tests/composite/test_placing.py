@@ -13,7 +13,7 @@ from mr360uw import SceneError, load_scene
 from mr360uw.composite import Receiver, SceneObject
 from mr360uw.composite.mesh.material import Part
 from mr360uw.composite.mesh.mesh import make_mesh
-from mr360uw.composite.motion import object_motion, rotation_matrix, yaw_pitch_roll_deg
+from mr360uw.composite.motion import object_motion
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.composite.shot import on_the_floor, receiver_height
 from mr360uw.errors import MeshError
@@ -106,13 +106,6 @@ def test_a_body_stands_on_a_slope_under_its_middle() -> None:
     assert points(body)[:, 1].min() == pytest.approx(-0.5)
     with pytest.raises(MeshError, match="stands on nothing"):
         on_the_floor(placed(stand_on="receiver", position_m=(30.0, 0.0, 0.0)), Receiver(mesh=slope))
-
-
-def test_angles_of_a_rotation(rng: np.random.Generator) -> None:
-    for angles in rng.uniform((-180.0, -89.0, -180.0), (180.0, 89.0, 180.0), (20, 3)):
-        np.testing.assert_allclose(
-            yaw_pitch_roll_deg(rotation_matrix(angles)), angles, atol=1e-9
-        )  # acos-free: rounding
 
 
 FLOOR = "[receiver]\nheight_m = -2.0\n"

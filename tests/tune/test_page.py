@@ -265,11 +265,48 @@ def test_a_control_without_effect_says_why(page: Page) -> None:
     assert page.first.control("sea.wind_speed").locator(".why").count() == 0
 
 
-def test_everyday_words_are_found(page: Page) -> None:
-    search = page.first.page.get_by_label("Search parameters")
-    for word, key in (("god rays", "shafts.mode"), ("brighter", "light.exposure"), ("sand", "receiver.height_m")):
-        search.fill(word)
-        page.first.page.locator(f'[data-key="{key}"]').wait_for()
+WORDS = {
+    "murky": "water.visibility_m", "fog": "water.visibility_m", "haze": "water.visibility_m", "clear": "water.type",
+    "visibility": "water.visibility_m", "green": "water.type", "blue": "water.type", "tint": "object.0.tint",
+    "colour": "object.0.tint", "brightness": "light.exposure", "exposure": "light.exposure", "dark": "light.exposure",
+    "light": "light.exposure", "sunlight": "light.sun", "rays": "shafts.strength", "god rays": "shafts.strength",
+    "beams": "shafts.strength", "sparkle": "caustics.enabled", "ripples": "caustics.enabled",
+    "waves": "sea.wind_speed", "wind": "sea.wind_speed", "calm": "sea.wind_speed", "surface": "sea.wind_speed",
+    "shadow": "receiver.shadow", "soft shadow": "draw.sun_spread_deg", "depth": "camera.depth_m",
+    "deep": "camera.depth_m", "distance": "object.0.distance_m", "far": "water.visibility_m",
+    "size": "object.0.size_m", "big": "object.0.size_m", "scale": "object.0.scale", "turn": "object.0.rotation_deg",
+    "rotate": "object.0.rotation_deg", "face": "object.0.face", "move": "object.0.position_m",
+    "position": "object.0.position_m", "swim": "object.0.animation", "speed": "object.0.speed",
+    "animation": "object.0.animation", "loop": "object.0.loop", "transparent": "object.0.mesh",
+    "glass": "object.0.roughness", "shiny": "object.0.roughness", "matte": "object.0.roughness",
+    "rough": "object.0.roughness", "texture": "object.0.texture", "plankton": "snow.amount", "particles": "snow.amount",
+    "noise": "draw.grain", "grain": "draw.grain", "sharp": "match.sharpening", "blur": "match.softness",
+    "mask": "add to Mattes", "floor": "receiver.height_m", "sand": "receiver.height_m", "lamp": "add to Lamps",
+    "torch": "add to Lamps", "quality": "draw.quality", "resolution": "Render …", "save": "Save",
+    "render": "Render frame",
+}  # fmt: skip
+"""What is meant by everyday words: a parameter, or the text or label of a button."""
+_FOUND = """async (words) => {
+  const field = document.querySelector("input[type=search]");
+  const found = {};
+  for (const word of words) {
+    field.value = word;
+    field.dispatchEvent(new Event("input"));
+    await new Promise(requestAnimationFrame);
+    const all = [...document.querySelectorAll(".controls-list :is([data-key], .action, .add)")];
+    found[word] = all.slice(0, 3).map((one) => one.dataset.key || one.ariaLabel || one.textContent);
+  }
+  return found;
+}"""
+"""Types words into the search; returns the first three results of each."""
+
+
+def test_everyday_words_find_what_is_meant(page: Page, subtests: pytest.Subtests) -> None:
+    found = page.first.page.evaluate(_FOUND, list(WORDS))
+    assert all(one.startswith("water.") for one in found["fog"])
+    for word, meant in WORDS.items():
+        with subtests.test(word):
+            assert meant in found[word]
 
 
 def test_a_phone_shows_picture_and_controls(page: Page) -> None:
@@ -765,6 +802,98 @@ def test_the_output_is_beside_the_scene_by_default(page: Page) -> None:
     tab.page.get_by_role("button", name="Render", exact=True).click()
     tab.page.get_by_role("link", name=f"Open {expected.name}").wait_for()
     assert expected.stat().st_size > 500
+
+
+def test_a_picture_has_room_and_save_is_in_sight(page: Page) -> None:
+    tab, save_button = page.first, page.first.page.get_by_role("button", name="Save", exact=True)
+    tab.control("sea.wind_speed").get_by_label("key Wind speed at this time").click()
+    tab.page.locator(".uw-key").wait_for()
+    box = tab.page.locator(".uw-stage canvas").bounding_box()
+    assert box is not None
+    assert min(box["width"], 2.0 * box["height"]) >= 0.6 * 1280  # the picture is twice as wide as high
+    tab.page.set_viewport_size({"width": 400, "height": 800})
+    tab.until("e => e.getBoundingClientRect().right <= 400", save_button.element_handle())
+    tab.page.locator(".page-header").evaluate("e => e.scrollLeft = 1000")
+    tab.until("e => e.getBoundingClientRect().left >= 0", save_button.element_handle())
+    tab.page.set_viewport_size({"width": 1280, "height": 800})
+
+
+def test_what_is_opened_is_closed_by_its_button_and_by_escape(page: Page) -> None:
+    tab = page.first
+    tool, bar = tab.page.get_by_label("What a click in the picture does"), tab.page.locator(".stage-tools")
+    depth, dialog = tab.page.get_by_role("button", name="Find depth"), tab.page.get_by_label("Find depth", exact=True)
+    tab.control("camera.track").locator("input").fill("track.csv")
+    track = "time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n1,0,0,0,0,0,0,1\n"
+    (page.scene.parent / "track.csv").write_text(track, "utf-8")
+    tab.page.keyboard.press("Enter")
+    tab.page.locator("button[title='undo: set camera.track']").wait_for()
+    for by_key in (False, True):
+
+        def close(button: Any, by_key: bool = by_key) -> None:
+            tab.page.keyboard.press("Escape") if by_key else button.click()
+
+        tool.select_option("floor")
+        bar.get_by_role("button", name="Close", exact=True).wait_for()
+        close(bar.get_by_role("button", name="Close", exact=True))
+        tab.until("e => e.value === ''", tool.element_handle())
+        tab.control("sea.wind_speed").get_by_label("key Wind speed at this time").click()
+        tab.page.locator(".uw-key").wait_for()
+        tab.page.locator("h1").click()
+        close(tab.page.get_by_role("button", name="Close curve"))
+        tab.page.locator(".uw-key").wait_for(state="detached")
+        tab.page.keyboard.press("Control+z")
+        depth.click()
+        dialog.get_by_text("all 8 about 1 min").wait_for()  # and what it changes
+        assert "plate.depth" in dialog.inner_text()
+        close(dialog.get_by_role("button", name="Close"))
+        tab.page.locator(".q-dialog").wait_for(state="detached")
+    tab.page.keyboard.press("h")
+    tab.page.locator(".uw-mark").first.wait_for(state="detached")
+
+
+def test_handles_keep_the_words_of_the_file(page: Page) -> None:
+    """Two objects by azimuth; the second is chosen by a click on it, moved, brought nearer and turned."""
+    tab, text = page.first, page.scene.read_text("utf-8")
+    said = "distance_m = 2.0\nsize_m = 1.2\nface = 40.0\n"
+    before, _, rest = text.partition("[[object]]")
+    after = rest[rest.index("\n[") :]
+    bodies = [f'[[object]]\nmesh = "whale.glb"\nazimuth_deg = {azimuth}\n{said}' for azimuth in (-60.0, 60.0)]
+    page.scene.write_text(before + "\n".join(bodies) + after, "utf-8")
+    tab.page.locator(".uw-mark.uw-object").nth(1).wait_for()
+    tab.done()
+    tab.page.mouse.click(*place(tab, 0.5 + 60.0 / 360.0, 0.5))
+    chosen = tab.page.locator(".uw-mark.uw-object").nth(1).element_handle()
+    tab.until("e => e.classList.contains('uw-selected')", chosen)
+    tab.page.get_by_label("move whale: drag, or arrow keys").press("ArrowRight")
+    tab.page.locator("button[title='undo: move object.1']").wait_for()
+    tab.page.mouse.move(*place(tab, 0.5 + 60.5 / 360.0, 0.5))
+    tab.page.mouse.wheel(0, -100)
+    tab.page.wait_for_timeout(600)
+    tab.page.locator(".uw-turn").press("ArrowRight")
+    tab.page.locator("button[title='undo: set object.1.face']").wait_for()
+    tab.page.get_by_label("Search parameters").fill("face")
+    tab.page.locator('[data-key="object.1.face"]').wait_for()  # the controls are of the chosen one
+    save(tab)
+    first, second = load_scene(page.scene).objects
+    assert first.azimuth_deg == -60.0
+    assert not {"position_m", "rotation_deg", "scale", "elevation_deg"} & second.model_fields_set
+    assert (second.azimuth_deg, second.size_m) == (60.5, 1.2)
+    assert second.distance_m == pytest.approx(2.0 * np.exp(-0.15), abs=1e-4)
+    assert second.face == pytest.approx(39.0, abs=0.1)
+    page.scene.write_text(text, "utf-8")
+    tab.page.locator(".uw-mark.uw-object").nth(1).wait_for(state="detached")
+
+
+def test_a_frame_is_rendered_beside_the_scene_and_replaces_nothing(page: Page) -> None:
+    tab = page.first
+    there, made = (page.scene.parent / f"scene.frame-0000{ending}.png" for ending in ("", "-2"))
+    there.write_text("of another", "utf-8")
+    tab.page.get_by_role("button", name="Render frame").click()
+    tab.page.get_by_role("link", name=f"Open {made.name}").wait_for()
+    tab.page.keyboard.press("Escape")
+    tab.page.get_by_role("form", name="Render").wait_for(state="hidden")
+    assert made.stat().st_size > 10000
+    assert there.read_text("utf-8") == "of another"
 
 
 def test_nothing_was_asked_of_other_machines(page: Page) -> None:

@@ -144,18 +144,6 @@ def test_distances_and_positions_that_make_no_sense_are_refused() -> None:
         placing.shown_at(LEVEL, LEVEL.position)
 
 
-@pytest.mark.parametrize("point", POINTS)
-def test_a_nose_turned_to_the_camera_points_to_it_from_above(point: Point) -> None:
-    position = placing.at_distance(CAMERA, point, 3.0)
-    nose = yaw_matrix(np.radians(placing.facing_yaw_deg(CAMERA.position, position))) @ (0.0, 0.0, -1.0)
-    towards = (CAMERA.position - position)[::2]
-    np.testing.assert_allclose(nose[::2], towards / np.linalg.norm(towards), atol=EXACT)
-
-
-def test_straight_below_every_yaw_faces_the_camera() -> None:
-    assert placing.facing_yaw_deg((0.0, 0.0, 0.0), (0.0, -3.0, 0.0)) == 0.0
-
-
 def test_a_drag_along_the_arm_turns_a_quarter_and_the_near_side_follows() -> None:
     center, arm = Point(0.5, 0.0), 0.2
     start, end = Point(0.5, -arm), Point(0.5 + arm, -arm)

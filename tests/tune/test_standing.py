@@ -67,3 +67,24 @@ def test_sizes_are_what_the_scene_says(
     scene = scene_with(tmp_path, None, plate=table, water={"type": "none"}, object=[body])
     with LivePreview("reference") as preview:
         assert Situation(preview, scene, 0, 0.0).bodies[0].sizes == sizes
+
+
+def test_what_stands_is_dragged_along_the_floor_and_found_by_a_click(tmp_path: Path, whale: Path) -> None:
+    """Its middle stays at its height where a ray meets that, as far away as it was where none does."""
+    plate = two_eyes(tmp_path / "pair.png", 128, 64)
+    body = {"mesh": str(whale), "azimuth_deg": 20.0, "distance_m": 4.0, "stand_on": "receiver"}
+    table, floor = {"path": str(plate), "eye": "left"}, {"height_m": -2.0}
+    scene = scene_with(tmp_path, None, plate=table, water={"type": "none"}, receiver=floor, object=[body])
+    with LivePreview("reference") as preview:
+        here = Situation(preview, scene, 0, 0.0)
+    (one,), away = here.bodies, here.bodies[0].center - here.camera.position
+    for latitude, farther in ((-0.5, 1.0), (-0.5, 1.5), (0.3, 1.0)):
+        moved = here.swimming(0, Point(-1.0, latitude), farther, level=True) + one.center - one.position
+        beside = -away[1] / np.tan(0.5) if latitude < 0.0 else np.hypot(*away[::2])
+        np.testing.assert_allclose(moved[1], one.center[1], atol=1e-9)
+        np.testing.assert_allclose(np.hypot(*moved[::2]), farther * beside, rtol=1e-9)
+    shown, _ = placing.shown_at(here.camera, one.center)
+    assert here.at(shown) == 0
+    assert here.at(Point(shown.longitude + 1.5, shown.latitude)) is None
+    said = here.words(0, level=True)
+    assert (said["azimuth_deg"], said["distance_m"]) == (20.0, 4.0)

@@ -336,16 +336,19 @@ def test_a_lost_context_is_made_again_and_the_canvas_follows_the_window(shown: P
     screen.send("Emulation.setDeviceMetricsOverride", {**VIEWPORT, "deviceScaleFactor": 1, "mobile": False})
 
 
-def test_handles_are_dragged_and_moved_by_keys(shown: Page) -> None:
+def test_handles_are_dragged_and_moved_by_keys_and_keep_off_a_small_object(shown: Page) -> None:
     shown.fresh(bare=False)
     box = shown.canvas()
     whale = Point(0.35, -0.1)
     place = flat_place(box, whale)
     shown.page.click("button[aria-label='Whale']")
     assert shown.until("select") == ["whale"]
-    np.testing.assert_allclose(shown.middle(".uw-move"), place, atol=1.5)  # to whole pixels, with a border
+    handles = [np.array(shown.middle(f".uw-{name}")) for name in ("move", "turn", "scale", "object")]
+    radius = 0.25 * box["width"] / (2.0 * np.pi)
+    assert min(np.linalg.norm(handle - place) for handle in handles) > radius + 10.0  # that of a handle
     shown.forget()
-    shown.drag(place, (place[0] + 120, place[1] + 60))
+    x, y = handles[0]
+    shown.drag((x, y), (x + 120, y + 60))
     (end,) = shown.until("drag", lambda told: told[0]["phase"] == "end")
     phases = [told[0]["phase"] for told in shown.told("drag")]
     assert phases[0] == "start"
@@ -353,8 +356,8 @@ def test_handles_are_dragged_and_moved_by_keys(shown: Page) -> None:
     assert set(phases[1:-1]) == {"move"}
     assert (end["name"], end["handle"], Point(**end["start"])) == ("whale", "move", whale)
     np.testing.assert_allclose(
-        flat_place(box, Point(end["longitude"], end["latitude"])), (place[0] + 120, place[1] + 60), atol=1.0
-    )
+        flat_place(box, Point(end["longitude"], end["latitude"])), (place[0] + 120, place[1] + 60), atol=1.5
+    )  # a handle is at a whole pixel, with a border
     for handle in ("turn", "scale"):
         shown.forget()
         shown.page.locator(f".uw-{handle}").press("ArrowRight")
@@ -365,6 +368,23 @@ def test_handles_are_dragged_and_moved_by_keys(shown: Page) -> None:
             assert placing.yaw_by_drag(90.0, whale, start, last) == pytest.approx(89.0, abs=0.05)  # on a sphere
         else:
             assert placing.scale_by_drag(1.0, whale, start, last) == pytest.approx(1.02, abs=1e-9)
+
+
+def test_the_wheel_over_the_chosen_object_changes_its_distance(shown: Page) -> None:
+    shown.fresh(bare=False)
+    place = flat_place(shown.canvas(), Point(0.35, -0.1))
+    shown.page.click("button[aria-label='Whale']")
+    shown.page.locator(".uw-move").wait_for()
+    shown.forget()
+    shown.page.mouse.move(*place)
+    for _ in range(2):
+        shown.page.mouse.wheel(0, -200)
+    (end,) = shown.until("drag", lambda told: told[0]["phase"] == "end")
+    assert (end["name"], end["handle"]) == ("whale", "reach")
+    assert end["farther"] == pytest.approx(np.exp(-0.6))  # nearer, as a picture that is enlarged
+    assert shown.told("view") == []
+    shown.page.click("text=Marks")
+    shown.page.wait_for_selector(".uw-mark", state="detached")
 
 
 # --- time line -------------------------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ export const template = `
       <button type="button" :disabled="shown.serial < 0" @click="snapshot('snapshot')"
         title="Keep this picture as the second one">Snapshot</button>
     </span>
+    <button type="button" :aria-pressed="!bare" @click="hide" title="Show or hide marks and handles (H)">Marks</button>
     <span class="uw-where" aria-hidden="true">{{ where }}</span>
   </div>
   <div ref="stage" class="uw-stage">
