@@ -183,9 +183,6 @@ export default {
     tree() {
       return this.now.tree;
     },
-    keyed() {
-      return this.now.keyed;
-    },
     wanted() {
       return wordsOf(this.search);
     },
@@ -243,7 +240,7 @@ export default {
       return group.repeated ? `${group.key}.${this.at(group)}.${field.key}` : `${group.key}.${field.key}`;
     },
     value(group, field) {
-      const now = this.keyed[this.path(group, field)];
+      const now = this.now.keyed[this.path(group, field)];
       return now !== undefined ? now : (this.table(group) || {})[field.key];
     },
     bound(group, field) {

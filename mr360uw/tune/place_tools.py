@@ -238,8 +238,11 @@ class PlaceTools:
         body = here.bodies[number]
         point = drag.start if drag.phase == "cancel" else drag.point
         shown = here.shown(number)
-        if drag.handle in ("move", "reach"):
-            stands = self._document.get(f"object.{number}.stand_on") is not None
+        stands = self._document.get(f"object.{number}.stand_on") is not None
+        if drag.handle == "reach" and body.settings.polar:  # the direction stays as it is written
+            away = here.words(number, level=stands)["distance_m"]
+            self._put(f"object.{number}.distance_m", _short(drag.farther * away, 4), group)
+        elif drag.handle in ("move", "reach"):
             to = shown if drag.handle == "reach" and shown is not None else point  # a mark may be of before
             self._move(here, number, here.swimming(number, to, drag.farther, level=stands), group)
         elif shown is not None and drag.handle == "turn":

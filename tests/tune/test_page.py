@@ -878,7 +878,7 @@ def test_handles_keep_the_words_of_the_file(page: Page) -> None:
     assert first.azimuth_deg == -60.0
     assert not {"position_m", "rotation_deg", "scale", "elevation_deg"} & second.model_fields_set
     assert (second.azimuth_deg, second.size_m) == (60.5, 1.2)
-    assert second.distance_m == pytest.approx(2.0 * np.exp(-0.15), abs=1e-4)
+    assert second.distance_m == pytest.approx(2.0 * np.exp(-0.15), abs=2e-3)  # its middle moves as it swims
     assert second.face == pytest.approx(39.0, abs=0.1)
     page.scene.write_text(text, "utf-8")
     tab.page.locator(".uw-mark.uw-object").nth(1).wait_for(state="detached")
