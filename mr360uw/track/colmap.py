@@ -117,7 +117,7 @@ def pairs_to_match(count: int) -> list[tuple[int, int]]:
     return sorted(pairs | {(i, j) for i in spread for j in spread if i < j})
 
 
-_CALM_S, _LONG_S = 0.5, 2.0
+CALM_S, _LONG_S = 0.5, 2.0
 """Times between key frames over which light that drifts has moved on, as caustics change within a third of the first,
 and things are still in sight."""
 _FITS_PX, _NEAR_RAD = 1.5, 0.35
@@ -141,7 +141,7 @@ def at_rest(matches: Matches, time_s: Floats, pixel_rad: float) -> Matches | Non
         stays = np.linalg.norm(a - b, axis=1) < _STATIC_PX * pixel_rad
         if np.count_nonzero(stays) >= _MINIMUM_MATCHES:
             still[i, j] = a[stays], b[stays]
-        if time_s[j] - time_s[i] >= _CALM_S:
+        if time_s[j] - time_s[i] >= CALM_S:
             x, y = frame_from_direction(a, *_CELLS)
             cell = np.minimum(y.astype(np.int64), _CELLS[1] - 1) * _CELLS[0] + x.astype(np.int64) % _CELLS[0]
             np.add.at(count, (stays.astype(np.int64), cell), 1)
@@ -163,7 +163,7 @@ def agreement(matches: Matches, time_s: Floats, pixel_rad: float, position: Floa
         moved, way = np.linalg.norm(a - b, axis=1), position[j] - position[i]
         # What rides along with the camera tells nothing of its path
         some = (moved >= _STATIC_PX * pixel_rad) & (moved <= _NEAR_RAD)
-        if not _CALM_S <= time_s[j] - time_s[i] <= _LONG_S or not np.linalg.norm(way) > 0.0:
+        if not CALM_S <= time_s[j] - time_s[i] <= _LONG_S or not np.linalg.norm(way) > 0.0:
             continue
         # Rays to one point lie in a plane with the way between both cameras
         across = np.cross(way, a[some] @ rotation[i].T)
@@ -212,6 +212,16 @@ def match_features(
             pixel, matched = _read_matches(stored, paths, pairs)
             directions = tuple(direction_from_frame(p[:, 0], p[:, 1], width, height) for p in pixel)
             return pixel, _verified(stored, paths, matched, directions)
+
+
+def feature_sizes(database: Path) -> dict[int, Floats]:
+    """Return the sizes [px] of the features of each picture, by COLMAP's numbers of pictures."""
+    with load_colmap().Database.open(database) as stored:
+        shape = {
+            image.image_id: np.asarray(stored.read_keypoints(image.image_id), np.float64).reshape(-1, 6)[:, 2:]
+            for image in stored.read_all_images()
+        }
+    return {k: np.sqrt(np.abs(a[:, 0] * a[:, 3] - a[:, 1] * a[:, 2])) for k, a in shape.items()}
 
 
 def _extract(

@@ -34,6 +34,7 @@ from mr360uw.track.colmap import (
     quiet_colmap,
 )
 from mr360uw.track.key_frames import KeyFrames, grey_picture
+from mr360uw.track.slip import cameras_of, settled_scenes
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader
 
@@ -205,7 +206,7 @@ class KeyPoses:
     """Solved key frames: numbers (k,), positions (k, 3), rotations (k, 3, 3), residuals (k,) [px], landmarks of each.
 
     points (m, 3), error_px (m,): of the scene. held_out: see `held_out_errors`; empty unless the camera moves. agreed:
-    of `colmap.agreement`, of a camera that moves.
+    of `colmap.agreement`, of a camera that moves. others: positions and rotations of them by `slip.settled_scenes`.
     """
 
     kind: Kind
@@ -219,6 +220,7 @@ class KeyPoses:
     error_px: Floats
     held_out: tuple[Floats, Floats]
     agreed: float | None = None
+    others: tuple[tuple[Floats, Floats], ...] = ()
 
 
 def solve_key_frames(
@@ -279,7 +281,10 @@ def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses
             f"{where} - no path explains its pictures (got {count} of {len(keys.index)} key frames) - cut it where the "
             "scene changes, mask what moves with the camera, or give a clip with more texture"
         )
-    return _poses_of_scene(scene, keys)
+    # Hold to what is seen again, and solve it from other features too
+    settled, *others = settled_scenes(scene, keys, folder)
+    poses = _poses_of_scene(settled, keys)
+    return replace(poses, others=tuple(cameras_of(other, poses.paths) for other in others))
 
 
 def _resting(kind: Kind, keys: KeyFrames, pixels: tuple[Floats, ...], matches: Matches) -> KeyPoses:
@@ -394,8 +399,6 @@ def triangulate(point: np.ndarray, eye: Floats, look: Floats, count: int) -> Flo
     return place
 
 
-_AXES = np.diag([1.0, -1.0, -1.0])
-"""From COLMAP's camera axes to ours, and back."""
 _STARTS = ((8.0, 50, 1.5), (3.0, 50, 0.5), (3.0, 25, 0.5), (1.5, 20, 0.3))
 """Starts that are tried in this order: least angle [deg] between the rays to the points of the first two frames, their
 fewest matches, and least angle [deg] of a point. Safe ones are first: short bases make bent paths."""
@@ -454,8 +457,10 @@ def _poses_of_scene(scene: Any, keys: KeyFrames) -> KeyPoses:
     error = np.array([scene.points3D[i].error for i in ids])
     # Take the poses of the images that were solved, in the order of the clip
     images = sorted((image for image in scene.images.values() if image.has_pose), key=lambda image: image.name)
-    position = np.array([image.projection_center() for image in images]).reshape(-1, 3)
-    rotation = np.array([image.cam_from_world().rotation.matrix().T @ _AXES for image in images]).reshape(-1, 3, 3)
+    solved = {image.name for image in images}
+    kept = [k for k, path in enumerate(keys.paths) if path.name in solved]
+    paths = tuple(keys.paths[k] for k in kept)
+    position, rotation = cameras_of(scene, paths)
     # Take their observations: directions and numbers of points, the residual, and landmarks of the least errors
     directions, numbers, residual, landmarks = [], [], [], []
     for image, eye, turn in zip(images, position, rotation, strict=True):
@@ -470,9 +475,7 @@ def _poses_of_scene(scene: Any, keys: KeyFrames) -> KeyPoses:
         landmarks.append(Landmarks(pixel[order], points[number[order]], far=False))
         directions.append(seen)
         numbers.append(number)
-    solved = {image.name for image in images}
-    kept = [k for k, path in enumerate(keys.paths) if path.name in solved]
     return KeyPoses(
-        "moving", keys.index[kept], tuple(keys.paths[k] for k in kept), position, rotation, np.array(residual),
+        "moving", keys.index[kept], paths, position, rotation, np.array(residual),
         tuple(landmarks), points, error, held_out_errors(position, rotation, directions, numbers, points),
     )  # fmt: skip

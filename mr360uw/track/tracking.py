@@ -24,6 +24,7 @@ from mr360uw.track.colmap import load_colmap
 from mr360uw.track.floor_mesh import FloorMesh
 from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames
 from mr360uw.track.key_poses import BETWEEN, WIDTH, KeyPoses, solve_between, solve_key_frames
+from mr360uw.track.slip import predicted_slip
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 
@@ -238,6 +239,10 @@ def _in_world(
     """Return the track of all frames in the world's axes."""
     position, rotation, residual, observed = frames
     slip, feature = poses.held_out
+    slip_m = None
+    if poses.others:
+        own = poses.position, poses.rotation
+        slip_m = world.scale * predicted_slip(own, poses.others, _DISTANCE_M / world.scale)
     cell = np.floor(np.stack([
         12.0 * (np.arctan2(observed[:, 0], -observed[:, 2]) / (2.0 * np.pi) + 0.5), 6.0 * (0.5 - 0.5 * observed[:, 1])
     ])).astype(int)  # fmt: skip
@@ -246,7 +251,7 @@ def _in_world(
         poses.kind, keys.time_s, world.place(position), world.rotation @ rotation, residual,
         residual * 360.0 / keys.width, poses.index, world.place(poses.points), poses.error_px, coverage, keys.width,
         world.floor, world.up, world.scale_from, _known(np.median, slip), _known(np.max, slip),
-        _known(np.median, feature), world.depth_m, poses.agreed,
+        _known(np.median, feature), world.depth_m, poses.agreed, slip_m,
     )  # fmt: skip
 
 
@@ -286,9 +291,15 @@ _GOOD_SHARE, _USABLE_SHARE = 0.9, 0.6
 _GOOD_AGREED, _USABLE_AGREED = 0.8, 0.6
 """Least share of what is seen again that fits the path. Of paths made by drifting light 0.1 to 0.57 does, and most of
 these turn by degrees and slip by a third of their length; of paths by the floor 0.96."""
+_GOOD_SLIP, _USABLE_SLIP = 0.015, 0.05
+"""Largest predicted slip over the length of the path. The true one may be twice as large."""
 _FAR = 50.0
 """Largest extent of a path over the median distance of its points; a wrong pose reaches thousands."""
 _KINDS = {"still": "stands still", "turning": "turns on the spot", "moving": "moves"}
+
+
+def _length_m(track: CameraTrack) -> float:
+    return float(np.linalg.norm(np.diff(track.position, axis=0), axis=1).sum())
 
 
 def verdict(track: CameraTrack) -> str:
@@ -297,15 +308,18 @@ def verdict(track: CameraTrack) -> str:
     share, residual = float(np.mean(solved)), float(np.nanmedian(track.residual_px))
     word = "doubtful"
     agreed = 1.0 if track.agreed is None else track.agreed
-    if residual <= _USABLE_PX and share >= _USABLE_SHARE and agreed >= _USABLE_AGREED:
+    slips = 0.0 if track.slip_m is None else track.slip_m / max(_length_m(track), 1e-9)
+    if residual <= _USABLE_PX and share >= _USABLE_SHARE and agreed >= _USABLE_AGREED and slips <= _USABLE_SLIP:
         word = "usable"
-    if residual <= _GOOD_PX and share >= _GOOD_SHARE and agreed >= _GOOD_AGREED:
+    if residual <= _GOOD_PX and share >= _GOOD_SHARE and agreed >= _GOOD_AGREED and slips <= _GOOD_SLIP:
         word = "good"
     if len(track.points) and np.ptp(track.position, axis=0).max() > _FAR * np.median(
         np.linalg.norm(track.points - track.position[0], axis=1)
     ):
         word = "doubtful"  # a path that leaves its own points behind
-    slip_m = _DISTANCE_M * float(np.radians(np.nanmedian(track.residual_deg)))
+    slip_m = track.slip_m
+    if slip_m is None:
+        slip_m = _DISTANCE_M * float(np.radians(np.nanmedian(track.residual_deg)))
     return (
         f"{word}: objects stay in place to {100.0 * slip_m:.1f} cm at {_DISTANCE_M:g} m; "
         f"{np.count_nonzero(solved)} of {len(solved)} frames solved; residual {residual:.2f} px"
@@ -318,9 +332,8 @@ def report_lines(track: CameraTrack) -> list[str]:
     if np.isfinite(track.residual_px).any():
         lines.append(verdict(track))
     if track.kind == "moving":
-        length = float(np.linalg.norm(np.diff(track.position, axis=0), axis=1).sum())
         lines.append(
-            f"path      {length:.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s"
+            f"path      {_length_m(track):.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s"
             + (
                 f"; {len(track.points)} points; features over {100.0 * track.coverage:.0f} % of the sphere"
                 if len(track.points)
