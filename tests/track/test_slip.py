@@ -83,6 +83,7 @@ def test_good_is_what_slips_by_little_of_its_path() -> None:
     track = made()  # over 2.01 m
     for slip_m, word in ((0.02, "good: objects stay in place to 2.0 cm"), (0.06, "usable"), (0.2, "doubtful")):
         assert verdict(replace(track, slip_m=slip_m)).startswith(word)
+    assert "to 2.0 cm at 5 m, at best;" in verdict(replace(track, slip_m=0.02, agreed=0.4))
 
 
 def test_the_verdict_holds_under_a_pattern_that_drifts(tmp_path: Path) -> None:
