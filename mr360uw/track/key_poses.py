@@ -274,17 +274,19 @@ def _mask(keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, *, 
 
 def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses:
     """Return the key frames of a camera that moves, by structure from motion."""
-    scene = _solve_structure(keys.paths, folder, steps)
-    count = 0 if scene is None else scene.num_reg_images()
-    if count < _LEAST_SOLVED * len(keys.index):
+    # Map it, and hold to what is seen again; solve it from other features too
+    least = _LEAST_SOLVED * len(keys.index)
+    scenes: tuple[Any, ...] = (_solve_structure(keys.paths, folder, steps),)
+    if scenes[0] is not None and scenes[0].num_reg_images() >= least:
+        scenes = settled_scenes(scenes[0], keys, folder)
+    count = 0 if scenes[0] is None else scenes[0].num_reg_images()
+    if count < least:
         raise ParameterError(
             f"{where} - no path explains its pictures (got {count} of {len(keys.index)} key frames) - cut it where the "
             "scene changes, mask what moves with the camera, or give a clip with more texture"
         )
-    # Hold to what is seen again, and solve it from other features too
-    settled, *others = settled_scenes(scene, keys, folder)
-    poses = _poses_of_scene(settled, keys)
-    return replace(poses, others=tuple(cameras_of(other, poses.paths) for other in others))
+    poses = _poses_of_scene(scenes[0], keys)
+    return replace(poses, others=tuple(cameras_of(scene, poses.paths) for scene in scenes[1:]))
 
 
 def _resting(kind: Kind, keys: KeyFrames, pixels: tuple[Floats, ...], matches: Matches) -> KeyPoses:

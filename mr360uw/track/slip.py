@@ -24,7 +24,7 @@ _AXES = np.diag([1.0, -1.0, -1.0])
 _LOSS_PX = 0.25
 """Error [px] at which a feature counts half. Four times as large: a pattern that drifts pulls the path a fifth more."""
 _LEAST_OF_FRAME, _LEAST_OF_POSE = 15, 12
-"""Features of a frame below which coarse ones are taken too, and below which it has no pose."""
+"""Features of a frame below which coarse ones are taken too, and below which it has no pose: half of it in halves."""
 _ITERATIONS = 10
 """Steps of a fit. Three times as many: the path moves by a tenth of its error, and tracking takes 8 % longer."""
 _LARGEST_PX = 2.0
@@ -47,7 +47,7 @@ def settled_scenes(scene: Any, keys: KeyFrames, folder: Path) -> tuple[Any, ...]
     size = np.array([np.median([size_px[e.image_id][e.point2D_idx] for e in track]) for track in tracks])
     # Choose the finer half of what is seen again, and coarser features in frames with too few of these
     lasting = span >= min(CALM_S, 0.5 * float(np.ptp(keys.time_s)))
-    if len(time_s) > 2 * len(_with_at_least(_LEAST_OF_POSE, tracks, lasting)):
+    if scene.num_reg_images() > 2 * len(_with_at_least(_LEAST_OF_POSE, tracks, lasting)):
         lasting[:] = True  # the camera swims so fast that nothing is in sight for long
     fine = lasting & (size <= np.median(size[lasting]))
     enough = _with_at_least(_LEAST_OF_FRAME, tracks, fine)
@@ -56,9 +56,9 @@ def settled_scenes(scene: Any, keys: KeyFrames, folder: Path) -> tuple[Any, ...]
     # Fit the poses to them, to the coarse ones alone, and to every other one
     every = _fitted(scene, points[lasting])
     settled = _fitted(every, chosen)
-    coarse = _fitted(every, points[lasting & ~fine])
-    halves = (_fitted(settled, chosen[k::2]) for k in (0, 1))
-    return _fitted(scene, points, settled), scene, coarse, *halves
+    parts = ((every, points[lasting & ~fine]), (settled, chosen[::2]), (settled, chosen[1::2]))
+    others = (_fitted(start, part, least=_LEAST_OF_POSE // 2) for start, part in parts)
+    return _fitted(scene, points, settled), scene, *others
 
 
 def _with_at_least(count: int, tracks: list[Any], chosen: NDArray[np.bool_]) -> set[int]:
@@ -67,10 +67,10 @@ def _with_at_least(count: int, tracks: list[Any], chosen: NDArray[np.bool_]) -> 
     return {number for number, times in seen.items() if times >= count}
 
 
-def _fitted(scene: Any, points: NDArray[np.int64], posed: Any = None) -> Any:
+def _fitted(scene: Any, points: NDArray[np.int64], posed: Any = None, *, least: int = _LEAST_OF_POSE) -> Any:
     """Return a scene of some of its points, with poses that fit them, or with those of another scene.
 
-    Frames that see fewer than twelve points have no pose; points that then err by more than two pixels are left out.
+    Frames that see fewer than the least points have no pose; points that then err by more than two pixels are left out.
     """
     with quiet_colmap() as pycolmap:
         # Leave out the other points, and frames that too few are seen in
@@ -78,7 +78,7 @@ def _fitted(scene: Any, points: NDArray[np.int64], posed: Any = None) -> Any:
         for point in set(found.points3D) - set(points.tolist()):
             found.delete_point3D(point)
         for image in [image for image in found.images.values() if image.has_pose]:
-            if image.num_points3D < _LEAST_OF_POSE or (posed and not posed.images[image.image_id].has_pose):
+            if image.num_points3D < least or (posed and not posed.images[image.image_id].has_pose):
                 found.deregister_frame(image.frame_id)
                 continue
             if posed:
