@@ -288,9 +288,9 @@ _GOOD_PX, _USABLE_PX = 0.6, 1.2
 """Largest median residual [px] of a good and of a usable track. Below, codec noise; above, features slip."""
 _GOOD_SHARE, _USABLE_SHARE = 0.9, 0.6
 """Least share of frames that were solved rather than interpolated."""
-_GOOD_AGREED, _USABLE_AGREED = 0.8, 0.65
-"""Least share of what is seen again that fits the path. Of paths that light made it is 0.1 to 0.64, and things slip by
-14 to 38 % of their length, whatever is predicted; of paths by the floor 0.6 under strong caustics, else 0.96."""
+_GOOD_AGREED, _USABLE_AGREED = 0.8, 0.75
+"""Least share of what is seen again that fits the path. Of paths that light made over textured floors it is 0.1 to
+0.74, and things slip by 14 to 38 % of their length, whatever is predicted; of paths by the floor 0.5 to 0.98."""
 _GOOD_SLIP, _USABLE_SLIP = 0.015, 0.05
 """Largest predicted slip over the length of the path. The true one may be twice as large."""
 _FAR = 50.0

@@ -58,7 +58,7 @@ def test_the_report_says_how_good_it_is() -> None:
     assert verdict(made(0.9)).startswith("usable")
     lost = made()
     assert verdict(replace(lost, position=1e4 * lost.position)).startswith("doubtful")
-    for agreed, word in ((0.9, "good"), (0.7, "usable"), (0.4, "doubtful")):
+    for agreed, word in ((0.9, "good"), (0.77, "usable"), (0.7, "doubtful")):
         drifting = replace(made(), agreed=agreed)
         assert verdict(drifting).startswith(word)
         assert any("light that drifts" in line for line in report_lines(drifting)) == (word != "good")
