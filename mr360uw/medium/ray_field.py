@@ -13,7 +13,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -340,27 +339,35 @@ def bounded(
         down, up = modes.at(bottom_m[-1])
         return np.asarray(up - np.einsum("ni,nij->nj", sent, down)[:, None])
 
-    # Set up one linear system: the surface, continuity between layers, the floor
-    streams = len(reflectance)
-    start = np.concatenate([[0], np.cumsum([modes.rate.shape[1] for modes in free])])
-    system = np.zeros((len(lit), start[-1], start[-1]))
-    known = np.zeros((len(lit), start[-1]))
-    system[:, :streams, : start[1]], known[:, :streams] = at_surface(free[0]), entering - at_surface(driven[0])[..., 0]
-    row = streams
-    for above, depth in enumerate(bottom_m[:-1]):
-        rows = slice(row, row + 2 * streams)
-        for layer, sign in ((above, 1.0), (above + 1, -1.0)):
-            columns = slice(start[layer], start[layer + 1])
-            system[:, rows, columns] = sign * np.concatenate(free[layer].at(depth), axis=1)
-            known[:, rows] -= sign * np.concatenate(driven[layer].at(depth), axis=1)[..., 0]
-        row += 2 * streams
-    if np.isfinite(bottom_m[-1]):
-        system[:, row:, start[-2] :] = at_floor(free[-1])
-        known[:, row:] = lit[:, None] - at_floor(driven[-1])[..., 0]
-    # Solve for the amounts
-    amount = np.linalg.solve(system, known[..., None])[..., 0]
-    parts = (amount[:, a:b] for a, b in pairwise(start))
-    return [m.times(part).beside(sun) for m, part, sun in zip(free, parts, driven, strict=True)]
+    # Layer by layer, downwards, as amount - change @ (amounts of the next layer): light that comes down into a layer is
+    # that of the one above it, light that comes up into it that of the one below
+    found: list[tuple[Array, Array]] = []
+    for number, (modes, sun, end) in enumerate(zip(free, driven, bottom_m, strict=True)):
+        after = np.zeros((len(lit), 0, 0))
+        if number == 0:
+            rows, known = [at_surface(modes)], [entering - at_surface(sun)[..., 0]]
+        else:
+            top, (change, amount) = bottom_m[number - 1], found[-1]
+            above, steady = free[number - 1].at(top)[0], driven[number - 1].at(top)[0] - sun.at(top)[0]
+            rows = [modes.at(top)[0] + above @ change]
+            known = [(above @ amount[..., None] + steady)[..., 0]]
+        if number < len(free) - 1:
+            after = -free[number + 1].at(end)[1]
+            rows.append(modes.at(end)[1])
+            known.append((driven[number + 1].at(end)[1] - sun.at(end)[1])[..., 0])
+            after = np.concatenate([np.zeros_like(after), after], axis=1)
+        elif np.isfinite(end):
+            rows.append(at_floor(modes))
+            known.append(lit[:, None] - at_floor(sun)[..., 0])
+        right = np.concatenate(known, axis=1)[..., None]
+        right = right if after.size == 0 else np.concatenate([after, right], axis=2)
+        both = np.linalg.solve(np.concatenate(rows, axis=1), right)
+        found.append((np.asarray(both[..., :-1]), np.asarray(both[..., -1])))
+    # From the last layer up, the amounts
+    amounts = [found[-1][1]]
+    for change, amount in reversed(found[:-1]):
+        amounts.insert(0, amount - (change @ amounts[0][..., None])[..., 0])
+    return [m.times(part).beside(sun) for m, part, sun in zip(free, amounts, driven, strict=True)]
 
 
 class Ordinates:
