@@ -10,9 +10,9 @@ scatters into them (`ray_field`), less what the layers before it take. The refra
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from itertools import pairwise
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -26,8 +26,8 @@ from mr360uw.base.parameters import checked, exactly, numbers
 from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water, together
-from mr360uw.medium.phase import Phase
-from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind, at_surface, bounded, floor_at, length_to
+from mr360uw.medium.phase import Mixture, Phase
+from mr360uw.medium.ray_field import LambertFloor, RayField, Sky, SurfaceKind, at_surface, bounded, floor_at, length_to
 from mr360uw.medium.spectra import read_columns
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
 from mr360uw.types import Array
@@ -36,8 +36,7 @@ from mr360uw.types import Array
 class LayeredField:
     """The light of water whose coefficients change with depth, at n wavelengths, solved once.
 
-    All results are per unit downwelling irradiance just below the surface. The water of a scene is the same everywhere:
-    composites take a `LightField`.
+    All results are per unit downwelling irradiance just below the surface. A scene names its profile as `water.layers`.
 
     Parameters
     ----------
@@ -47,12 +46,12 @@ class LayeredField:
     absorption, scattering : array_like
         Coefficients (L,) or (L, n) [1/m] of the layers; absorption above 0, scattering at least 0.
     phase : Phase or list of Phase or ndarray
-        Phase function of all layers, see `LightField`.
+        Phase function of all layers, see `LightField`; or a list of a mixture of molecules and particles for each.
     surface : {"snell", "none"}
         Flat with Fresnel's reflection, or no change of refractive index.
     sky : "uniform" or tuple or SkyShape
         Light that enters: uniform, or ("sun", y of the direction to the sun in the water, fraction of the downwelling
-        irradiance that is its beam), the rest being a uniform sky.
+        irradiance that is its beam), the rest being a uniform sky; or "floor": none, and a floor of radiance 1.
     refractive_index : float
         Index of the water relative to air, for "snell".
     streams : int
@@ -90,7 +89,7 @@ class LayeredField:
         top_m: ArrayLike,
         absorption: ArrayLike,
         scattering: ArrayLike,
-        phase: Phase | list[Phase] | Array = "petzold",
+        phase: Phase | list[Phase] | list[Mixture] | Array = "petzold",
         surface: SurfaceKind = "snell",
         sky: Sky = "uniform",
         refractive_index: float = REFRACTIVE_INDEX_SEA,
@@ -104,18 +103,21 @@ class LayeredField:
             )
         self.absorption, self.scattering = _of_layers(len(self.top_m), absorption, scattering)
         self._floor_m, self._albedo = floor_at(floor, self.absorption.shape[1])
-        if self._floor_m <= self.top_m[-1] or sky == "floor":
+        self._shining = float(sky == "floor")
+        if self._floor_m <= self.top_m[-1] or (self._shining and floor is None):
             raise ParameterError(
-                f"floor - must lie below the last layer's top at {self.top_m[-1]:g} m, lit from above (got "
-                f"{self._floor_m:g} m, sky {sky!r:.20}) - move it, or leave layers out"
+                f"floor - must lie below the last layer's top at {self.top_m[-1]:g} m (got {self._floor_m:g} m, sky "
+                f"{sky!r:.20}) - move it, or leave layers out"
             )
+        each = phase if isinstance(phase, list) and isinstance(phase[0], Mixture) else [phase] * len(self.top_m)
         self._layers = [
-            LightField(a, b, phase, surface, sky, refractive_index, streams)
-            for a, b in zip(self.absorption, self.scattering, strict=True)
+            LightField(a, b, one, surface, "uniform" if self._shining else sky, refractive_index, streams)
+            for a, b, one in zip(self.absorption, self.scattering, each, strict=True)
         ]
         self._faded = np.array([layer.faded for layer in self._layers])
         with one_blas_thread():
             self._join()
+        self.refractive_index, self.level_beam = self._layers[0].refractive_index, self._layers[0].level_beam
 
     @classmethod
     def from_profile(
@@ -157,18 +159,7 @@ class LayeredField:
         >>> field.top_m.tolist()
         [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]
         """
-        depth = numbers("depth_m", depth_m).astype(np.float64)
-        if depth.ndim != 1 or len(depth) < 2 or depth[0] < 0.0 or np.any(np.diff(depth) <= 0.0) or layers < 1:
-            raise ParameterError(
-                "depth_m - must be two depths or more that ascend, and layers one or more (got "
-                f"{depth.tolist()!r:.60}, {layers!r}) - sort the profile"
-            )
-        edge = np.linspace(0.0, depth[-1], layers + 1)
-        means = [
-            np.stack([_means(edge, depth, column) for column in values.T], axis=-1)
-            for values in _of_layers(len(depth), absorption, scattering)
-        ]
-        return cls(edge, *means, **settings)  # type: ignore[arg-type]
+        return cls(*layer_means(depth_m, absorption, scattering, layers), **settings)  # type: ignore[arg-type]
 
     @classmethod
     def from_csv(cls, path: str | Path, layers: int = 20, **settings: object) -> Self:
@@ -209,18 +200,8 @@ class LayeredField:
         >>> uw.medium.LayeredField.from_csv("profile.csv", layers=2).absorption.ravel().round(4).tolist()
         [0.0875, 0.1625, 0.2]
         """
-        wanted = ("depth_m", "wavelength_nm", "absorption", "scattering")
-        columns = read_columns(path, wanted)
-        order = np.lexsort((columns["wavelength_nm"], columns["depth_m"]))
-        depth, wavelength, a, b = (columns[name][order] for name in wanted)
-        depths, count = np.unique(depth), len(np.unique(wavelength))
-        if len(depth) != len(depths) * count or np.any(wavelength.reshape(-1, count) != wavelength[:count]):
-            raise ParameterError(
-                f"{path} - every depth needs the same wavelengths (got {len(depth)} rows for {len(depths)} depths and "
-                f"{count} wavelengths) - fill the table"
-            )
-        shape = len(depths), count
-        return cls.from_profile(depths, a.reshape(shape), b.reshape(shape), layers, **settings)
+        depth, _, absorption, scattering = read_profile(path)
+        return cls(*layer_means(depth, absorption, scattering, layers, f"{path}, "), **settings)  # type: ignore[arg-type]
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike = 1.0) -> Array:
         """Return the irradiance of a surface in the water, sun included.
@@ -370,8 +351,8 @@ class LayeredField:
         array([0.0202])
         """
         check_ray(distance_m, depth_m, up)
-        s, y, mu = together(distance_m, depth_m, up)
-        return np.exp(-self._along(self.absorption + self.scattering, s, y, mu))
+        s, y, mu = together(ray_in_water(distance_m, depth_m, up), depth_m, up)
+        return np.exp(-s[..., None] * self.mean(self.absorption + self.scattering, y, np.maximum(y - s * mu, 0.0)))
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance scattered into camera rays, cut at the surface and at the floor.
@@ -418,9 +399,7 @@ class LayeredField:
         s, y, mu = together(ray_in_water(distance_m, depth_m, up), depth_m, up)
         s = np.minimum(s, length_to(self._floor_m, y, mu))
         ends = np.maximum(y - s * mu, 0.0)
-        # light of the forward peak: lost from the ray at a + b, put back by the scattering of what lies behind
-        kept, left = (np.exp(-self._along(c, s, y, mu)) for c in (self._faded, self.absorption + self.scattering))
-        return self._scattered_into(s, y, mu) + (kept - left) * self.radiance(ends, mu)
+        return np.maximum(self.radiance(y, mu) - self.transmittance(s, y, mu) * self.radiance(ends, mu), 0.0)
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance that arrives at a depth; the sun's own beam is not in it.
@@ -457,19 +436,32 @@ class LayeredField:
         array([[0.0123],
                [0.0057]])
         """
-        check_ray(0.0, depth_m, up)
-        y, mu = together(depth_m, up)
-        y = np.minimum(y, self._floor_m)
-        s = np.minimum(ray_in_water(np.inf, y, mu), length_to(self._floor_m, y, mu))
-        behind = np.zeros((*s.shape, self.absorption.shape[1]))
-        rising = mu > 0.0
-        if np.any(rising):
-            below = self.radiance(0.0, -mu[rising])
-            first = self._layers[0]
-            behind[rising] = at_surface(mu[rising], first.sky_radiance, first.shape, first.refractive_index, below)
-        if np.isfinite(self._floor_m):
-            behind[mu < 0.0] = self._albedo / PI * self.irradiance(self._floor_m, 1.0)
-        return self._scattered_into(s, y, mu) + np.exp(-self._along(self._faded, s, y, mu)) * behind
+        return self.rays.radiance(depth_m, up)
+
+    @functools.cached_property
+    def rays(self) -> LayeredRays:
+        """The light along rays, its forward peak unscattered."""
+        return self._rays([layer.rays for layer in self._layers])
+
+    def scattered_by(self, parts: Sequence[Mixture]) -> LayeredRays:
+        """Return the light along rays that a part of each layer's scattering brings into them."""
+        return self._rays([layer.scattered_by(part) for layer, part in zip(self._layers, parts, strict=True)])
+
+    def _rays(self, layers: list[RayField]) -> LayeredRays:
+        lit = np.zeros(len(self._albedo)) if np.isinf(self._floor_m) else self.irradiance(self._floor_m, 1.0)
+        return LayeredRays(self, layers, self._floor_m, self._shining + self._albedo / PI * lit)
+
+    def mean(self, coefficient: Array, from_m: ArrayLike, to_m: ArrayLike) -> Array:
+        """Return the mean (..., n) of coefficients (L, n) of the layers between two depths (...), or at a depth."""
+        a, b = together(from_m, to_m)
+        gap = np.abs(b - a)[..., None]
+        crossed = np.abs(self._depth_integral(coefficient, b) - self._depth_integral(coefficient, a))
+        apart = gap > _LEVEL
+        return np.where(apart, crossed / np.where(apart, gap, 1.0), coefficient[self.layer_of(a)])
+
+    def layer_of(self, y: ArrayLike) -> NDArray[np.intp]:
+        """Return the number (...) of the layer at depths (...)."""
+        return np.asarray(np.searchsorted(self.top_m, y, side="right") - 1)
 
     # --- solution ----------------------------------------------------------------------------------------------
 
@@ -489,53 +481,23 @@ class LayeredField:
         entering = (
             first.sky_radiance[:, None] * (1.0 - reflectance) * first.shape.seen_through(mu, first.refractive_index)
         )
-        lit = self._albedo / PI * (first.beam * sun_mu * self._beam_left(np.array(self._floor_m)))
+        entering, sky = ((1.0 - self._shining) * light for light in (entering, first.sky_radiance))
+        lit = self._shining + self._albedo / PI * (first.beam * sun_mu * self._beam_left(np.array(self._floor_m)))
         sent = 2.0 * self._albedo[:, None] * w * mu
         modes = bounded(free, sun, bottom.tolist(), reflectance, entering, sent, lit)
         incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes[0].at(0.0)[0]) + first.level_beam
-        sky = first.sky_radiance
+        incident = np.where(self._shining, 1.0, incident)
         for layer, top, beam, of_layer in zip(self._layers, self.top_m, beams, modes, strict=True):
             layer._take(of_layer, beam, sky, incident, top)
 
     def _in_layers(self, y: Array, light: Callable[[LightField, NDArray[np.bool_]], Array]) -> Array:
         """Return light (..., n) at depths (...). light: gives that of a layer at those of the depths that are in it."""
-        layer_of, found = self._layer_of(y), np.empty((*y.shape, self.absorption.shape[1]))
+        layer_of, found = self.layer_of(y), np.empty((*y.shape, self.absorption.shape[1]))
         for number, layer in enumerate(self._layers):
             inside = np.asarray(layer_of == number)
             if np.any(inside):
                 found[inside] = light(layer, inside)
         return found
-
-    # --- along rays --------------------------------------------------------------------------------------------
-
-    def _along(self, coefficient: Array, s: Array, y: Array, mu: Array) -> Array:
-        """Return the integral (..., n) of coefficients (L, n) of layers along rays from depths y, to the surface."""
-        end = np.maximum(y - s * mu, 0.0)
-        crossed = np.abs(self._depth_integral(coefficient, end) - self._depth_integral(coefficient, y))
-        steep = (np.abs(mu) > _LEVEL)[..., None]
-        slant = np.where(steep, np.abs(mu)[..., None], 1.0)
-        return np.where(steep, crossed / slant, coefficient[self._layer_of(y)] * s[..., None])
-
-    def _scattered_into(self, s: Array, y: Array, mu: Array) -> Array:
-        """Return the radiance (..., n) that all layers scatter into rays that end in the water."""
-        total = np.zeros((*s.shape, self.absorption.shape[1]))
-        level = np.abs(mu) <= _LEVEL
-        for layer, (top, end) in enumerate(pairwise([*self.top_m, np.inf])):
-            to_top, to_end = (np.divide(y - d, mu, out=np.zeros(s.shape), where=~level) for d in (top, end))
-            near, far = np.minimum(to_top, to_end), np.maximum(to_top, to_end)
-            far = np.where(level, np.where(self._layer_of(y) == layer, np.inf, 0.0), far)
-            begin, stop = np.clip(near, 0.0, s), np.clip(far, 0.0, s)
-            inside = stop > begin
-            if not np.any(inside):
-                continue
-            way, depth, toward = begin[inside], y[inside], mu[inside]
-            left = np.exp(-self._along(self._faded, way, depth, toward))
-            starts = np.clip(depth - way * toward, top, end)
-            total[inside] += left * self._layers[layer].rays.inscatter(stop[inside] - way, starts, toward)
-        return total
-
-    def _layer_of(self, y: Array) -> NDArray[np.intp]:
-        return np.asarray(np.searchsorted(self.top_m, y, side="right") - 1)
 
     def _depth_integral(self, coefficient: Array, y: Array) -> Array:
         """Return the integral (..., n) of coefficients (L, n) of the layers from the surface to depths (...)."""
@@ -548,10 +510,112 @@ class LayeredField:
 
 
 _LEVEL = 1e-9
-"""Change of depth over length of a ray up to which it is level: the coefficient is then that of its depth."""
+"""Distance [m] of two depths up to which they are one, and slope up to which a ray is level."""
 
 
-def _of_layers(count: int, absorption: ArrayLike, scattering: ArrayLike) -> tuple[Array, Array]:
+@dataclass(frozen=True, slots=True, eq=False)
+class LayeredRays:
+    """Light along rays through layers, each with its own `RayField`. floor_m, floor: depth, radiance (n,) of a floor.
+
+    A ray gains in each layer what that scatters into it, and keeps of what comes into the layer exp(-extinction times
+    its length there). So what comes to an interface in a direction follows from the next interface, and a ray's light
+    from the first interface that it meets.
+    """
+
+    field: LayeredField
+    layers: list[RayField]
+    floor_m: float
+    floor: Array
+
+    @property
+    def extinction(self) -> Array:
+        """Extinction (L, n) [1/m] of the layers."""
+        return np.array([layer.extinction for layer in self.layers])
+
+    def optical_length(self, distance_m: Array, depth_m: Array, up: Array) -> Array:
+        """Return the optical length (..., n) of rays that end in the water."""
+        end = np.maximum(depth_m - distance_m * up, 0.0)
+        return distance_m[..., None] * self.field.mean(self.extinction, depth_m, end)
+
+    def inscatter(self, distance_m: Array, depth_m: Array, up: Array) -> Array:
+        """Return the radiance (..., n) scattered into rays that end in the water, above the floor."""
+        end, left = np.maximum(depth_m - distance_m * up, 0.0), np.exp(-self.optical_length(distance_m, depth_m, up))
+        return self.radiance(depth_m, up) - left * self.radiance(end, up)
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance (..., n) that arrives at depths from the directions `up`, without the sun's beam."""
+        check_ray(0.0, depth_m, up)
+        y, mu = together(depth_m, up)
+        y, tops = np.minimum(y, self.floor_m), self.field.top_m
+        toward, which = np.unique(mu, return_inverse=True)
+        which, rising, falling = which.reshape(mu.shape), toward > _LEVEL, toward < -_LEVEL
+        # Light that comes into each layer, from the surface down and from the floor up
+        coming = np.zeros((len(tops), len(toward), len(self.floor)))
+        if np.any(rising):
+            first, reflected = self.layers[0], self.radiance(0.0, -toward[rising])
+            coming[0, rising] = at_surface(toward[rising], first.sky, first.shape, first.index, reflected)
+        coming[-1, falling] = self.floor
+        for k in range(1, len(tops)):
+            coming[k, rising] = self._through(k - 1, tops[k], toward[rising], coming[k - 1, rising])
+            coming[-k - 1, falling] = self._through(-k, tops[-k], toward[falling], coming[-k, falling])
+        # The last part of each ray, in the layer that it arrives in
+        result, layer_of = np.empty((*y.shape, len(self.floor))), self.field.layer_of(y)
+        for k in np.unique(layer_of):
+            inside = np.asarray(layer_of == k)
+            result[inside] = self._through(k, y[inside], mu[inside], coming[k, which[inside]])
+        return result
+
+    def _through(self, layer: int, y: ArrayLike, mu: Array, coming: Array) -> Array:
+        """Return light (r, n) at depths in a layer, of light that comes into it from directions mu (r,)."""
+        if not len(mu):
+            return coming
+        edge = np.where(mu > 0.0, self.field.top_m[layer], np.append(self.field.top_m[1:], self.floor_m)[layer])
+        s = np.divide(y - edge, mu, out=np.full(mu.shape, np.inf), where=np.abs(mu) > _LEVEL)
+        rays, y = self.layers[layer], np.broadcast_to(y, mu.shape)
+        return rays.inscatter(np.maximum(s, 0.0), y, mu) + np.exp(-rays.extinction * s[:, None]) * coming
+
+
+def read_profile(path: str | Path) -> tuple[Array, Array, Array, Array]:
+    """Return depths (d,) [m], wavelengths (n,) [nm], absorption and scattering (d, n) [1/m] of a CSV file.
+
+    It is as `LayeredField.from_csv` says, which raises the same.
+    """
+    wanted = ("depth_m", "wavelength_nm", "absorption", "scattering")
+    columns = read_columns(path, wanted)
+    order = np.lexsort((columns["wavelength_nm"], columns["depth_m"]))
+    depth, wavelength, a, b = (columns[name][order] for name in wanted)
+    depths, count = np.unique(depth), len(np.unique(wavelength))
+    if len(depth) != len(depths) * count or np.any(wavelength.reshape(-1, count) != wavelength[:count]):
+        raise ParameterError(
+            f"{path} - every depth needs the same wavelengths (got {len(depth)} rows for {len(depths)} depths and "
+            f"{count} wavelengths) - fill the table"
+        )
+    shape = len(depths), count
+    return depths, wavelength[:count], a.reshape(shape), b.reshape(shape)
+
+
+def layer_means(
+    depth_m: ArrayLike, absorption: ArrayLike, scattering: ArrayLike, layers: int = 20, where: str = ""
+) -> tuple[Array, Array, Array]:
+    """Return the tops (L,) and coefficients (L, n), twice, of the layers of `LayeredField.from_profile`.
+
+    where: begins the message of what it raises.
+    """
+    depth = numbers("depth_m", depth_m).astype(np.float64)
+    if depth.ndim != 1 or len(depth) < 2 or depth[0] < 0.0 or np.any(np.diff(depth) <= 0.0) or layers < 1:
+        raise ParameterError(
+            f"{where}depth_m - must be two depths or more that ascend, and layers one or more (got "
+            f"{depth.tolist()!r:.60}, {layers!r}) - sort the profile"
+        )
+    edge = np.linspace(0.0, depth[-1], layers + 1)
+    a, b = (
+        np.stack([_means(edge, depth, column) for column in values.T], axis=-1)
+        for values in _of_layers(len(depth), absorption, scattering, where)
+    )
+    return edge, a, b
+
+
+def _of_layers(count: int, absorption: ArrayLike, scattering: ArrayLike, where: str = "") -> tuple[Array, Array]:
     """Return coefficients (count, n) of both; raise `ParameterError` for other shapes and impossible values."""
     a, b = (numbers(name, x).astype(np.float64) for name, x in (("absorption", absorption), ("scattering", scattering)))
     a, b = (x[:, None] if x.ndim == 1 else x for x in (a, b))
@@ -561,7 +625,7 @@ def _of_layers(count: int, absorption: ArrayLike, scattering: ArrayLike) -> tupl
     a, b = exactly("absorption", a, shape), exactly("scattering", b, shape)
     if not np.all(a > 0.0) or not np.all(b >= 0.0):
         raise ParameterError(
-            f"layers - absorption must be above and scattering at least zero (got {a.min(initial=0.0):g} and "
+            f"{where}layers - absorption must be above and scattering at least zero (got {a.min(initial=0.0):g} and "
             f"{b.min(initial=0.0):g} 1/m) - correct the coefficients"
         )
     return a, b
