@@ -158,6 +158,8 @@ def match_water(scene: Scene, patch: WaterPatch, frames: int | tuple[int, int] =
     water, depth = scene.water, scene.camera.depth_m
     if water.type == "none":
         return WaterMatch("Nothing is matched. The scene has no water; set water.type first.")
+    if water.layers is not None:
+        return WaterMatch("Nothing is matched. The scene's water has layers; leave water.layers out first.")
     view = _View(scene, patch, frames)
     # Compare the solved veils of all candidates with it, and with random draws of the frames
     tried = _candidates(water)

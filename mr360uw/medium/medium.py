@@ -21,8 +21,16 @@ from mr360uw.base.parameters import checked, common_shape, exactly, number
 from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import CONTRAST_LENGTHS, check_ray, ray_in_water, visibility_m
-from mr360uw.medium.lookup import BandModel, fitted_formation, lengths, medium_table
-from mr360uw.medium.models import CLOSED_FORMS, FormationModel, SpectralMode, SpectralModel, spectral_model
+from mr360uw.medium.layered_water import LayeredWater
+from mr360uw.medium.lookup import BandModel, beam_tables, fitted_formation, lengths, medium_table
+from mr360uw.medium.models import (
+    CLOSED_FORMS,
+    FormationModel,
+    LayeredModel,
+    SpectralMode,
+    SpectralModel,
+    spectral_model,
+)
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
 from mr360uw.medium.water import Water
@@ -38,6 +46,8 @@ DEFAULT_BANDS = 61
 """Number of wavelengths: 5 nm apart over 400 to 700 nm. Twice as many cost nothing per pixel."""
 _SPECTRAL: dict[Mode, SpectralMode] = {"kd": "kd", "rgb": "kd", "kd+": "kd+", "table": "table", "plate": "table"}
 _FORMATIONS: tuple[Mode, ...] = ("koschmieder", "akkaynak-treibitz")
+SOLVED: tuple[Mode, ...] = ("table", "plate")
+"""Modes of the solved light field."""
 _TINY = 1e-300  # below the light of any depth
 _FAR_LENGTHS = 10.0
 """Ways, over the length of the tables, behind which nothing is seen."""
@@ -51,7 +61,7 @@ class Medium:
     Parameters
     ----------
     water : Water
-        The water.
+        The water; a `LayeredWater` for the modes "table" and "plate", which see its layers.
     sensor : Sensor, optional
         The sensor; without it the default camera.
     mode : {"kd", "kd+", "table", "plate", "rgb", "koschmieder", "akkaynak-treibitz"}
@@ -186,7 +196,7 @@ class Medium:
 
     @checked
     def spectral_transmittance(self, distance_m: ArrayLike) -> Array:
-        """Return the factor (..., n) on an object's radiance at the bands' wavelengths."""
+        """Return the factor (..., n) on an object's radiance at the bands' wavelengths, in the camera's layer."""
         s = np.asarray(distance_m, np.float64)[..., None]
         return np.exp(-self.model.extinction * np.minimum(s, 1e9))
 
@@ -238,7 +248,7 @@ class Medium:
         check_ray(distance_m, depth_m, up)
         s = ray_in_water(distance_m, depth_m, up)
         depth = np.maximum(np.asarray(depth_m, np.float64) - s * np.asarray(up, np.float64), 0.0)
-        return np.exp(self.light.transmittance_log(s, np.minimum(depth, self.light.deepest_m)))
+        return np.exp(self.light.transmittance_log(s, np.minimum(depth, self.light.deepest_m), depth_m))
 
     def veil(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance that the water adds to a camera ray, times the gain.
@@ -389,6 +399,20 @@ class Medium:
         if not 0.0 <= number("shade", shade) <= 1.0:
             raise ParameterError(f"shade - must be from 0 to 1 (got {shade!r}) - correct it")
         return self._changed(shade=float(shade))
+
+    def along_sun(self, table: MediumTable, sun_up: float) -> MediumTable:
+        """Return a table of this medium whose beam is that of a sun of that height: in layers it is another."""
+        if not isinstance(self.model, LayeredModel):
+            return table
+        beam, unscattered = beam_tables(self.light, self.length_m, sun_up)
+        return replace(table, beam=beam, unscattered=unscattered)
+
+    def in_one_water(self) -> Medium:
+        """Return the same medium in the water of the camera's layer alone; this one, where it has no layers."""
+        water, solved = self.water, ("model", "light", "length_m", "unit_table", "glow_level", "floor_lobes")
+        if not isinstance(water, LayeredWater):
+            return self
+        return self._changed(*solved, water=water.layers[water.here], _radiances={})
 
     def for_drafts(self) -> Medium:
         """Return the same medium, whose tables and light about the sun are computed roughly, see `around_sun`."""

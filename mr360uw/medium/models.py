@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Spectral models of light in water: attenuation, in-scatter, radiance and irradiance at n wavelengths.
 
-KdModel: one exponential, the published closed form. FieldModel: the solved light field. Both return (..., n), per unit
-downwelling irradiance just below the surface. FormationModel has one constant per channel instead of a spectrum.
+KdModel: one exponential, the published closed form. FieldModel: the solved light field; LayeredModel: that of water in
+layers. All return (..., n), per unit downwelling irradiance just below the surface. FormationModel has one constant per
+channel instead of a spectrum.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ from mr360uw.base.constants import INV_4PI, REFRACTIVE_INDEX_SEA
 from mr360uw.base.optics import critical_cosine
 from mr360uw.base.parameters import checked
 from mr360uw.medium.closed_form import path_integral, ray_in_water, together
+from mr360uw.medium.layered_water import LayeredWater
+from mr360uw.medium.layers import LayeredField, LayeredRays
 from mr360uw.medium.phase import Mixture
-from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
+from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind, length_to
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
 from mr360uw.medium.water import Water
 from mr360uw.types import Array
@@ -199,8 +202,69 @@ class FieldModel:
         return result
 
 
+# Layers. Each has its own extinction e_l by absorption and by wide angles. Over a path of length S between the depths y
+# and y' the optical length is that of the depths in between, by the path's slope:
+#
+#     tau = S/(y' - y) int_y^y' e dy = S mean(e)        level: e of its layer
+#
+# The in-scatter is again what the radiance at the camera has beside that of the path's end,
+#
+#     L(y, mu) - exp(-tau) L(y', mu)
+#
+# of the solved field below Snell's window, and inside it of the field in which only wide angles scatter into the ray. A
+# difference of doubles is exact enough: the tables' shortest path is 1e-4 of their length, where 1e-12 of it is lost.
+
+
+class LayeredModel(FieldModel):
+    """The same of water in layers. parts: of each, the scattering by wide angles. here: number of the camera's layer.
+
+    `extinction` and `attenuation`, which know no depth, are those of the camera's layer. Light is the mean over the
+    azimuth from the sun's.
+    """
+
+    field: LayeredField  # type: ignore[assignment]
+    wide: LayeredRays  # type: ignore[assignment]
+
+    def __init__(self, field: LayeredField, parts: list[Mixture], here: int, inputs: tuple[object, ...]) -> None:
+        self.field, self.wide, self.inputs = field, field.scattered_by(parts), inputs
+        self._here = here
+
+    @property
+    def extinction(self) -> Array:
+        """Attenuation by absorption and scattering by wide angles in the camera's layer."""
+        return np.asarray(self.wide.extinction[self._here])
+
+    @property
+    def attenuation(self) -> Array:
+        """Attenuation by absorption and all scattering in the camera's layer."""
+        return np.asarray((self.field.absorption + self.field.scattering)[self._here])
+
+    def _complement(self, s: Array, y: Array, mu: Array) -> Array:
+        """Return the radiance that rays gain, see above; below the floor water goes on as it is there."""
+        own = self.field.rays
+        above, end_m = np.minimum(s, length_to(own.floor_m, y, mu)), np.maximum(y - s * mu, 0.0)
+        end_m = np.where(end_m < _AT_SURFACE * y, 0.0, end_m)  # below the floor it has the floor's light
+        lost = np.exp(-self.wide.optical_length(above, y, mu))
+        result = np.asarray(own.radiance(y, mu) - lost * own.radiance(end_m, mu))
+        below = s > above
+        if np.any(below):  # as `FieldModel._complement`
+            last, slower, deeper = own.layers[-1], self.wide.extinction[-1], (s - above)[below][:, None]
+            gained = last.scattered(own.floor_m, mu[below]) - (last.extinction - slower) * own.floor
+            result[below] += lost[below] * gained * -np.expm1(-slower * deeper) / slower
+        return result
+
+
 SpectralModel = KdModel | FormationModel | FieldModel
 """Radiance and irradiance in water at n wavelengths. A model is a key of caches by its identity."""
+
+
+def mean_rates(model: SpectralModel, from_m: ArrayLike, to_m: ArrayLike) -> tuple[Array, Array]:
+    """Return the mean extinction and attenuation [1/m] of paths between two depths (...): (..., n), or (n,) for all."""
+    if not isinstance(model, LayeredModel):
+        return model.extinction, model.attenuation
+    field = model.field
+    coefficients = model.wide.extinction, field.absorption + field.scattering
+    return field.mean(coefficients[0], from_m, to_m), field.mean(coefficients[1], from_m, to_m)
 
 
 def window_share(up: Array, refractive_index: float) -> Array:
@@ -235,7 +299,8 @@ def spectral_model(
 ) -> SpectralModel:
     """Return the model of a water at wavelengths (n,) [nm]; a field that has been solved before is found again.
 
-    surface, sky, refractive_index, floor: of mode "table", see `LightField`; the closed forms have none of them.
+    surface, sky, refractive_index, floor: of mode "table", see `LightField`; the closed forms have none of them, and of
+    a `LayeredWater` the camera's layer alone.
     """
     w = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
     if mode == "table":
@@ -255,8 +320,23 @@ def _field_model(
     floor: LambertFloor | None,
 ) -> FieldModel:
     w = np.array(wavelength_nm)
+    if isinstance(water, LayeredWater):
+        return _layered_model(water, w, surface, sky, refractive_index, floor)
     whole, wide = water.phases(w), water.phases(w, wide_angle=True)
     a, b = water.absorption(w), water.scattering(w)
     field = LightField(a, b, whole, surface, sky, refractive_index, floor=floor)
     of_phase = whole.particles, whole.molecular, whole.moments(2 * STREAMS_PER_HEMISPHERE)
     return FieldModel(field, wide, (a, b, *of_phase, surface, sky, refractive_index, floor, w))
+
+
+def _layered_model(
+    water: LayeredWater, w: Array, surface: SurfaceKind, sky: Sky, refractive_index: float, floor: LambertFloor | None
+) -> LayeredModel:
+    """Return the model of the layers above a floor."""
+    layers = [water.layers[k] for k, top in enumerate(water.top_m) if floor is None or top < floor.depth_m]
+    tops, here, orders = water.top_m[: len(layers)], min(water.here, len(layers) - 1), 2 * STREAMS_PER_HEMISPHERE
+    a, b = np.array([layer.absorption(w) for layer in layers]), np.array([layer.scattering(w) for layer in layers])
+    whole, wide = ([layer.phases(w, wide_angle=wide) for layer in layers] for wide in (False, True))
+    of_phase = [x for phase in whole for x in (phase.particles, phase.molecular, phase.moments(orders))]
+    field = LayeredField(tops, a, b, whole, surface, sky, refractive_index, floor=floor)
+    return LayeredModel(field, wide, here, (tops, here, a, b, *of_phase, surface, sky, refractive_index, floor, w))

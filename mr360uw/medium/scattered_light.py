@@ -26,8 +26,8 @@ from mr360uw.base.disk_cache import kept_arrays
 from mr360uw.base.progress import one_blas_thread
 from mr360uw.base.sphere import directions, gauss_legendre, row_solid_angle
 from mr360uw.medium.lookup import depth_nodes, diffuse_table, normal_nodes
-from mr360uw.medium.medium import Medium
-from mr360uw.medium.models import FieldModel, SpectralModel
+from mr360uw.medium.medium import SOLVED, Medium
+from mr360uw.medium.models import FieldModel, SpectralModel, mean_rates
 from mr360uw.medium.open_water import COLUMNS, MIDDLE, ROWS, row_up, typical
 from mr360uw.medium.phase import Phase, forward_cone, forward_peak, wide_angle_moments
 from mr360uw.medium.ray_field import Sky, SurfaceKind, cosine_kernel
@@ -57,7 +57,8 @@ def ambient_parts(medium: Medium, down: Floats, up: Floats, sun: Floats, sun_up:
         sun_up = min(max(round(sun_up / _STEP), 1) * _STEP, 1.0)
         skies.append((("sun", sun_up, 1.0), sun_up))
         model = medium.under(skies[-1][0]).model
-        left = model.level_beam / sun_up * np.exp(-model.extinction / sun_up * medium.camera_depth_m)
+        depth_m = medium.camera_depth_m
+        left = model.level_beam / sun_up * np.exp(-mean_rates(model, 0.0, depth_m)[0] / sun_up * depth_m)
         amounts.append(sun / np.maximum(left @ medium.bands.lobes, _TINY))
         of_sun = amounts[-1] * _on_normals(medium, *skies[-1], here)[:, 0]
     if medium.floor_m is not None:
@@ -103,7 +104,8 @@ def _solved(model: SpectralModel, sun_up: float | None, depths: bytes, lobes: by
     light = model.irradiance(depth, normal)
     if sun_up is not None:
         facing = cosine_kernel(np.array(sun_up), normal) / (2.0 * PI * sun_up)
-        light = light - facing[..., None] * model.level_beam * np.exp(-model.extinction / sun_up * depth[:, None])
+        lost = mean_rates(model, 0.0, depth)[0] / sun_up * depth[:, None]
+        light = light - facing[..., None] * model.level_beam * np.exp(-lost)
     return np.maximum(light, 0.0) @ np.frombuffer(lobes).reshape(-1, 3)
 
 
@@ -288,7 +290,7 @@ def spread_of(medium: Medium) -> BeamSpread | None:
 
     None for the closed forms and fitted formations: their beam has no light that has turned.
     """
-    if medium.mode not in ("table", "plate"):
+    if medium.mode not in SOLVED:
         return None
     at = int(np.argmin(np.abs(medium.bands.wavelength_nm - _SPREAD_NM)))
     scattering = float(medium.model.attenuation[at] - medium.model.extinction[at])
@@ -346,8 +348,9 @@ less than 1 %; in clear water within degrees of the sun by more."""
 def around_sun(medium: Medium, *, level: bool = False) -> Array | None:
     """Return the ratio R (ROWS, len(AZIMUTHS), 3) at a medium's camera; None where its light has no sun.
 
-    level: of the two rows at the horizon alone.
+    level: of the two rows at the horizon alone. Of water in layers it is that of the camera's alone.
     """
+    medium = medium.in_one_water()
     if not isinstance(medium.model, FieldModel) or not isinstance(medium.sky, tuple):
         return None
     every = min(_EVERY, max(len(medium.bands.wavelength_nm) // _FEWEST, 1))

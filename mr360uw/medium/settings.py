@@ -13,7 +13,8 @@ from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.base.parameters import Parameters, advanced, parameter
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import LEAST_M, MOST_M, water_of_visibility, water_seen_as_far
-from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
+from mr360uw.medium.layered_water import layered_water
+from mr360uw.medium.medium import DEFAULT_BANDS, SOLVED, Medium, Mode
 from mr360uw.medium.phase import Phase, PhaseTable
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
 from mr360uw.medium.veil_gain import fit_gain
@@ -125,6 +126,10 @@ class WaterKindSettings(Parameters):
 class WaterSettings(WaterKindSettings):
     """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
 
+    layers: Path | None = advanced(
+        None, "water that changes with depth: a table with depth_m, wavelength_nm, absorption, scattering, in place of "
+        "the type's; the phase function stays the type's"
+    )  # fmt: skip
     shade: float = parameter(
         0.0, "share of its haze (veil) that the water near the camera lacks, as in caves and where an edit crushed the "
         "blacks; what is far away stays", unit="1", low=0.0, high=1.0,
@@ -158,6 +163,28 @@ class WaterSettings(WaterKindSettings):
         "steady over a clip",
     )
 
+    @model_validator(mode="after")
+    def _check_layers(self) -> Self:
+        if self.layers is not None and self.visibility_m is not None:
+            raise ValueError(f"layers - have a visibility of their own (got {self.visibility_m:g} m) - leave one out")
+        if self.layers is not None and self.mode not in SOLVED:
+            raise ValueError(
+                f"layers - need a solved light field (got mode {self.mode!r}) - take mode 'plate' or 'table'"
+            )
+        return self
+
+    def water(self, camera_depth_m: float = 0.0) -> Water | None:
+        """Return the water, or None for a plate without; of layers, all that does not ask for a depth is that of the
+        camera's. Raises `ParameterError` where tables cannot be used.
+        """
+        water = super().water()
+        return water if water is None or self.layers is None else layered_water(self.layers, water, camera_depth_m)
+
+    @property
+    def label(self) -> str:
+        """The water in a few words, as the plan shows it."""
+        return super().label if self.layers is None else f"water in layers of {self.layers.name}"
+
     @property
     def fits_gain(self) -> bool:
         """True if the gain of the veil is fitted to the plate."""
@@ -177,7 +204,7 @@ class WaterSettings(WaterKindSettings):
         reads the water's colour. Without it the gain is 1. Raises `ParameterError`.
         """
         # Make the medium as the table says, then set its gain: as given, or fitted to a plate
-        water = self.water()
+        water = self.water(camera_depth_m)
         if water is None:
             return None
         medium = Medium(

@@ -384,7 +384,7 @@ def _brightest(lamp: Lamp, towards: Floats, radius_m: float, *, level: bool = Fa
 
 
 def _snow_notes(scene: Scene, height: int) -> tuple[str, ...]:
-    water = scene.water.water() if scene.snow.amount > 0.0 else None
+    water = scene.water.water(scene.camera.depth_m) if scene.snow.amount > 0.0 else None
     if water is None:
         return ()
     from mr360uw.composite.snow_particles import note_on

@@ -149,7 +149,7 @@ def surface_stage(scene: Scene, objects: Facts, medium: MediumTable | None) -> S
 def snow_stage(scene: Scene, medium: MediumTable | None) -> Stage:
     """Return whether particles are drawn."""
     drawn = scene.snow.amount > 0.0
-    water = scene.water.water() if drawn and medium is not None else None
+    water = scene.water.water(scene.camera.depth_m) if drawn and medium is not None else None
     if water is None:
         return Stage(False, 'water is "none"' if drawn else "snow.amount is 0")
     from mr360uw.composite.snow_particles import in_words

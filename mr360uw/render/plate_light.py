@@ -271,12 +271,13 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
     up, environment = surroundings.camera.at(time_s)[1][1], light.environment
     sun = environment.sun
     upwards = environment_lookup(environment.ambient, -up)
+    sun_up = 1.0 if sun is None else max(float(sun.direction @ up), MINIMUM_SUN_UP)
     diffuse, floor = ambient_parts(
         medium,
         down=environment_lookup(environment.ambient, up),
         up=upwards,
         sun=np.zeros(3) if sun is None else sun.irradiance,
-        sun_up=1.0 if sun is None else max(float(sun.direction @ up), MINIMUM_SUN_UP),
+        sun_up=sun_up,
     )
     # The veil as strong as the plate's, over the floor that it was fitted with
     if light.gain is not None:
@@ -289,7 +290,8 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
         if ratio is not None:
             of_floor = medium.far_light(row_up(len(ratio)), medium.gain, floor)[1]
             ratio = beside_floor(ratio, of_floor).astype(np.float32)
-    return replace(table, diffuse=diffuse.astype(np.float32), plate_ratio=ratio)
+    table = replace(table, diffuse=diffuse.astype(np.float32), plate_ratio=ratio)
+    return table if sun is None else medium.along_sun(table, sun_up)
 
 
 def plate_light(loaded: Loaded, analysis: ClipAnalysis, plate: VideoFrame, cache: Cache | None = None) -> FrameLight:

@@ -34,6 +34,7 @@ from mr360uw.jit import borrowing, inlined
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction, linear, transmittance_lookup, veil_lookup
 from mr360uw.medium.medium import MediumAtDepths
+from mr360uw.medium.models import mean_rates
 from mr360uw.medium.open_water import row_up
 from mr360uw.medium.scattered_light import around_sun, placed, spread_of
 from mr360uw.surface.facet_draws import normal_quantile
@@ -223,7 +224,7 @@ class WaterLight:
         assert self.sun is not None
         beam = beam_fraction(self.table(from_camera=False), depth_m, self.sun_up)
         medium = self.sun.medium
-        sharp = medium.light.display(np.exp(-medium.model.attenuation * depth_m / self.sun_up))
+        sharp = medium.light.display(np.exp(-mean_rates(medium.model, 0.0, depth_m)[1] * depth_m / self.sun_up))
         return self.sun.below * beam, self.sun.below * np.minimum(sharp, beam)
 
 

@@ -33,7 +33,7 @@ from mr360uw.base.parameters import checked, exactly
 from mr360uw.base.sphere import unit
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import exponential_integral
-from mr360uw.medium.lookup import beam_fraction, linear, table_coordinate
+from mr360uw.medium.lookup import HIGH_SUN_UP, beam_fraction, linear, table_coordinate
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.phase import Mixture
@@ -267,8 +267,6 @@ _DIRECT = 0.75
 beam's share of the veil is less."""
 _DARKEST = 1e-30
 """Least veil that is divided by."""
-_SUN_UP = 0.85
-"""Sine of that sun's elevation in the water."""
 
 
 def beam_share(medium: Medium, depth_m: float) -> float:
@@ -281,9 +279,9 @@ def beam_share(medium: Medium, depth_m: float) -> float:
     if not water.scatters:
         return 0.0
     level = np.zeros(1)
-    beam = _DIRECT / _SUN_UP * beam_fraction(medium.unit_table, depth_m, _SUN_UP)
+    beam = _DIRECT / HIGH_SUN_UP * beam_fraction(medium.unit_table, depth_m, HIGH_SUN_UP)
     lit = float(
-        luminance(beam * unoccluded(water, level, level, level, np.array([LONGEST_RAY_M]), depth_m, _SUN_UP)[0])
+        luminance(beam * unoccluded(water, level, level, level, np.array([LONGEST_RAY_M]), depth_m, HIGH_SUN_UP)[0])
     )
     veil = float(luminance(medium.light.display(medium.model.radiance(depth_m, level))[0]))
     return lit / max(veil, lit, _DARKEST)
