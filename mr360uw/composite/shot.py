@@ -515,7 +515,10 @@ def lamp_color(medium: Medium | None, temperature_k: float) -> Array:
 
 
 def lamp_attenuation(medium: Medium, temperature_k: float) -> Array:
-    """Return the effective attenuation (T, 3) [1/m] of a lamp's light over paths, as `types.Lamp` says."""
+    """Return the effective attenuation (T, 3) [1/m] of a lamp's light over paths, as `types.Lamp` says.
+
+    In layers it is that of the camera's.
+    """
     _, relative = _relative(medium, temperature_k)
     path = np.maximum(lengths(DEPTH_SIZE, medium.length_m), 1e-4 * medium.length_m)[:, None]
     log = np.log(relative)

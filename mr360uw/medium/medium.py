@@ -393,8 +393,8 @@ class Medium:
         """Return the same medium with less veil before what is near, as under rock or in crushed blacks.
 
         shade: 0, none, to 1.
-        The veil of a way s is 1 - shade exp(-4.8 s/V) of what it was, V the visibility: far away, where the contrast
-        of bodies is lost, it is that of open water. Raises `ParameterError`.
+        The veil of a way s is 1 - shade exp(-4.8 s/V) of what it was, V the visibility (of the camera's layer): far
+        away, where the contrast of bodies is lost, it is that of open water. Raises `ParameterError`.
         """
         if not 0.0 <= number("shade", shade) <= 1.0:
             raise ParameterError(f"shade - must be from 0 to 1 (got {shade!r}) - correct it")

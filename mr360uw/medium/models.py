@@ -226,8 +226,7 @@ class LayeredModel(FieldModel):
     wide: LayeredRays  # type: ignore[assignment]
 
     def __init__(self, field: LayeredField, parts: list[Mixture], here: int, inputs: tuple[object, ...]) -> None:
-        self.field, self.wide, self.inputs = field, field.scattered_by(parts), inputs
-        self._here = here
+        self.field, self.wide, self.inputs, self._here = field, field.scattered_by(parts), inputs, here
 
     @property
     def extinction(self) -> Array:
@@ -262,9 +261,8 @@ def mean_rates(model: SpectralModel, from_m: ArrayLike, to_m: ArrayLike) -> tupl
     """Return the mean extinction and attenuation [1/m] of paths between two depths (...): (..., n), or (n,) for all."""
     if not isinstance(model, LayeredModel):
         return model.extinction, model.attenuation
-    field = model.field
-    coefficients = model.wide.extinction, field.absorption + field.scattering
-    return field.mean(coefficients[0], from_m, to_m), field.mean(coefficients[1], from_m, to_m)
+    field, both = model.field, (model.wide.extinction, model.field.absorption + model.field.scattering)
+    return field.mean(both[0], from_m, to_m), field.mean(both[1], from_m, to_m)
 
 
 def window_share(up: Array, refractive_index: float) -> Array:

@@ -286,7 +286,7 @@ def _fitted_weights(theta: Array, weight: Array) -> Array:
 
 @shared(keep=4)
 def spread_of(medium: Medium) -> BeamSpread | None:
-    """Return the spread of the sun's beam in a medium at `_SPREAD_NM`.
+    """Return the spread of the sun's beam in a medium at `_SPREAD_NM`; in layers, that of the camera's.
 
     None for the closed forms and fitted formations: their beam has no light that has turned.
     """
@@ -307,7 +307,8 @@ def beam_spread(phase: Phase, scattering: float) -> BeamSpread:
 
 
 def image_spread(medium: Medium) -> ImageSpread | None:
-    """Return how a medium blurs pictures, by the light that turns within a cone; None as `spread_of`.
+    """Return how a medium, or the camera's layer, blurs pictures, by the light that turns within a cone; None as
+    `spread_of`.
 
     A body's light takes the way of the beam backwards: what turns by theta at a distance t from it arrives beside it by
     theta t over its distance. So M holds, of the phase function within the cone.

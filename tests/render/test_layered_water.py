@@ -10,7 +10,9 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.base.color import encode
+from mr360uw.match.water_match import WaterPatch, match_water
 from mr360uw.medium.lookup import veil_lookup
+from mr360uw.scene.model import files_of
 from tests.hostile.bench import Bench, make_material
 from tests.medium.layered import PROFILES, write_profile
 from tests.scenes import gradient_plate, scene_with
@@ -44,6 +46,13 @@ def test_a_body_below_an_interface_is_hidden_by_the_murky_water_there(whale: Pat
     s, up = np.array([4.9]), np.array([-0.91])
     veils = {n: veil_lookup(t, s, up)[0, 1] / veil_lookup(t, s, np.zeros(1))[0, 1] for n, t in tables.items() if t}
     assert veils["layers"] > 1.05 * veils["clear"]
+
+
+def test_water_in_layers_is_not_matched(tmp_path: Path) -> None:
+    path = write_profile(tmp_path / "profile.csv", *PROFILES["smooth"])
+    scene = scene_with(tmp_path, None, water={"layers": str(path)})
+    assert path in files_of(scene)
+    assert "has layers" in str(match_water(scene, WaterPatch(0.0, 0.0, 10.0)))
 
 
 @pytest.mark.parametrize(

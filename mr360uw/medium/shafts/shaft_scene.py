@@ -250,7 +250,7 @@ class ShaftWater:
 
 @shared(keep=4)
 def shaft_water(medium: Medium) -> ShaftWater:
-    """Return the water of a medium, as its veil scatters."""
+    """Return the water of a medium, as its veil scatters; in layers, that of the camera's."""
     nm, water, model = medium.bands.wavelength_nm, medium.water, medium.model
     b, molecules = np.asarray(water.scattering(nm), np.float64), np.zeros(len(nm))
     phase = Mixture("isotropic", molecules)
