@@ -139,7 +139,7 @@ Chosen so that the mean error against direct sums over wavelength is below 0.1 %
 LAYERED_VEIL_SIZE, LAYERED_DEPTHS = (257, 80), 512
 """Nodes of veil, and depths of attenuation, of water in layers, whose light bends where paths meet another layer."""
 _COARSER, _FEWER_DEPTHS = 2, 128
-"""Of drafts: nodes over the directions of veil and normals for one of theirs, which have two thirds of the distances, and
+"""Of drafts: nodes over the directions of veil and normals for one of theirs, beside two thirds of the distances, and
 depths of ambient light: half the time, 0.1 to 0.3 % in the mean, 95 % of rays below 1 %."""
 
 HIGH_SUN_UP = 0.85

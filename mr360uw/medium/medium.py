@@ -21,12 +21,12 @@ from mr360uw.base.parameters import checked, common_shape, exactly, number
 from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import CONTRAST_LENGTHS, check_ray, ray_in_water, visibility_m
-from mr360uw.medium.layered_water import LayeredWater
 from mr360uw.medium.lookup import BandModel, beam_tables, fitted_formation, lengths, medium_table
 from mr360uw.medium.models import (
     CLOSED_FORMS,
     FormationModel,
     LayeredModel,
+    LayeredWater,
     SpectralMode,
     SpectralModel,
     spectral_model,

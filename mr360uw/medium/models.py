@@ -2,14 +2,15 @@
 """Spectral models of light in water: attenuation, in-scatter, radiance and irradiance at n wavelengths.
 
 KdModel: one exponential, the published closed form. FieldModel: the solved light field; LayeredModel: that of water in
-layers. All return (..., n), per unit downwelling irradiance just below the surface. FormationModel has one constant per
-channel instead of a spectrum.
+layers, as a scene's profile has it (LayeredWater). All return (..., n), per unit downwelling irradiance just below the
+surface. FormationModel has one constant per channel instead of a spectrum.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -20,12 +21,11 @@ from mr360uw.base.constants import INV_4PI, REFRACTIVE_INDEX_SEA
 from mr360uw.base.optics import critical_cosine
 from mr360uw.base.parameters import checked
 from mr360uw.medium.closed_form import path_integral, ray_in_water, together
-from mr360uw.medium.layered_water import LayeredWater
-from mr360uw.medium.layers import LayeredField, LayeredRays
-from mr360uw.medium.phase import Mixture
+from mr360uw.medium.layers import LayeredField, LayeredRays, layer_means, read_profile
+from mr360uw.medium.phase import Mixture, Phase
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind, length_to
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
-from mr360uw.medium.water import Water
+from mr360uw.medium.water import Water, molecular_part
 from mr360uw.types import Array
 
 
@@ -200,6 +200,47 @@ class FieldModel:
             if np.any(used):
                 result[used] += weight[used][:, None] * part(*(a[used] for a in ray))
         return result
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LayeredWater(Water):
+    """Water in layers; all that a `Water` has is that of the layer that a camera is in.
+
+    top_m: (L,) depths [m] at which layers begin, the first 0. layers: (L,). here: number of the camera's.
+    """
+
+    top_m: tuple[float, ...] = (0.0,)
+    layers: tuple[Water, ...] = ()
+    here: int = 0
+
+
+def layered_water(path: Path, like: Water, camera_depth_m: float) -> LayeredWater:
+    """Return the water of a CSV file's profile, in the layers of `LayeredField.from_csv`, equal ones joined.
+
+    like: gives the phase function of the particles, and whether molecules are told apart from them. Raises
+    `ParameterError`.
+    """
+    depth, nm, a, b = read_profile(path)
+    top, a, b = layer_means(depth, a, b, where=f"{path}, ")
+    new = np.append(True, np.any(np.abs(np.diff([a, b], axis=1)) > _EQUAL, axis=(0, 2)))
+    here = int(np.searchsorted(top[new], camera_depth_m, side="right")) - 1
+    table = tuple(values.tobytes() for values in (top[new], nm, a[new], b[new]))
+    return _layered(str(path), table, like.phase, like.molecular is not None, here)
+
+
+_EQUAL = 1e-9
+"""Difference of coefficients [1/m] up to which layers are one: the rounding of means."""
+
+
+@shared(keep=16)
+def _layered(path: str, table: tuple[bytes, ...], phase: Phase, molecules: bool, here: int) -> LayeredWater:
+    top, nm, a, b = (np.frombuffer(values) for values in table)
+    layers = []
+    for depth, absorption, scattering in zip(top, a.reshape(len(top), -1), b.reshape(len(top), -1), strict=True):
+        layer = Water.from_arrays(nm, absorption, scattering, None, phase, f"{Path(path).name} from {depth:g} m")
+        layers.append(replace(layer, molecular=molecular_part(layer.b) if molecules else None, source=path))
+    own, tops = layers[here], tuple(top.tolist())
+    return LayeredWater(own.name, own.a, own.b, None, phase, own.molecular, path, tops, tuple(layers), here)
 
 
 # Layers. Each has its own extinction e_l by absorption and by wide angles. Over a path of length S between the depths y

@@ -13,8 +13,8 @@ from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.base.parameters import Parameters, advanced, parameter
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import LEAST_M, MOST_M, water_of_visibility, water_seen_as_far
-from mr360uw.medium.layered_water import layered_water
 from mr360uw.medium.medium import DEFAULT_BANDS, SOLVED, Medium, Mode
+from mr360uw.medium.models import layered_water
 from mr360uw.medium.phase import Phase, PhaseTable
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
 from mr360uw.medium.veil_gain import fit_gain

@@ -11,9 +11,8 @@ import pytest
 from mr360uw.errors import ParameterError
 from mr360uw.medium import LambertFloor, LayeredField, Medium, Water, WaterSettings
 from mr360uw.medium.closed_form import ray_in_water
-from mr360uw.medium.layered_water import LayeredWater, layered_water
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, transmittance_lookup, unscattered_share, veil_lookup
-from mr360uw.medium.models import LayeredModel, spectral_model
+from mr360uw.medium.models import LayeredModel, LayeredWater, layered_water, spectral_model
 from mr360uw.medium.phase import legendre_polynomials
 from mr360uw.medium.scattered_light import ambient_parts, around_sun, image_spread, irradiance_from_level
 from mr360uw.medium.shafts.shaft_scene import shaft_water
