@@ -290,7 +290,7 @@ _GOOD_SHARE, _USABLE_SHARE = 0.9, 0.6
 """Least share of frames that were solved rather than interpolated."""
 _GOOD_AGREED, _USABLE_AGREED = 0.8, 0.75
 """Least share of what is seen again that fits the path. Of paths that light made over textured floors it is 0.1 to
-0.74, and things slip by 14 to 38 % of their length, whatever is predicted; of paths by the floor 0.5 to 0.98."""
+0.79, and things slip by 14 to 38 % of their length, whatever is predicted; of paths by the floor 0.5 to 0.98."""
 _GOOD_SLIP, _USABLE_SLIP = 0.015, 0.05
 """Largest predicted slip over the length of the path. The true one may be twice as large."""
 _FAR = 50.0
