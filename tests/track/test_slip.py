@@ -79,6 +79,19 @@ def test_the_predicted_slip_is_that_of_noise_and_of_light_that_pulls(
     assert 0.5 < np.exp(np.mean(np.log(ratios))) < 2.0
 
 
+def test_halves_differ_by_twice_the_error_of_both_together() -> None:
+    """The median of three measures, where the halves' is neither the least nor the largest."""
+    position, rotation = swim()
+
+    def turned(degrees: float) -> Path3:
+        about = Rotation.from_euler("y", degrees * np.arange(8)[:, None], degrees=True).as_matrix()
+        return position, about @ rotation
+
+    mapped, coarse, half, rest = (turned(one) for one in (0.0, 2.0, 0.5, -0.5))
+    found = predicted_slip(turned(0.0), (mapped, coarse, half, rest), 5.0)
+    assert found == pytest.approx(0.5 * slip_between(half, rest, 5.0), rel=1e-12)
+
+
 def test_good_is_what_slips_by_little_of_its_path() -> None:
     track = made()  # over 2.01 m
     for slip_m, word in ((0.02, "good: objects stay in place to 2.0 cm"), (0.06, "usable"), (0.2, "doubtful")):
