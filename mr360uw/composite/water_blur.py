@@ -192,7 +192,7 @@ def _background(shot: Shot, rows: int, columns: int) -> Floats:
     row, column = (side * (np.arange(-(-cells // side)) + 0.5) for cells in (rows, columns))
     directions = view.directions(*np.meshgrid(column * (view.width / columns), row * (view.height / rows)))
     seen = environment_lookup(light.residual if light.detail is None else light.detail, directions)
-    return pixels_of_blocks(seen.astype(np.float32), side, Rectangle(0, 0, columns, rows))
+    return np.ascontiguousarray(pixels_of_blocks(seen.astype(np.float32), side, Rectangle(0, 0, columns, rows)))
 
 
 @fast
