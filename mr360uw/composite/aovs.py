@@ -261,12 +261,12 @@ def exr_parts(
     format asks for (OpenEXR, "Channel Naming"), except those of rgba and depth, which have standard names. primaries:
     chromaticities that light is given in; transmittance and shadow_ratio are factors on that of Rec.709.
     """
-    turn = np.linalg.inv(rec709_from_chromaticities(np.reshape(primaries, (4, 2)))).T.astype(np.float32)
     of_light = *SUMS[:7], "shafts", "snow", "transmittance"
     colours = {name: getattr(aovs, name) for name in of_light} | {"shadow_ratio": layer.ratio}
     colours |= {"plate_shafts": layer.shafts, "receiver_difference": receiver_difference(plate_linear, layer)}
     beauty = layer.radiance
     if primaries != REC709_XY:
+        turn = np.linalg.inv(rec709_from_chromaticities(np.reshape(primaries, (4, 2)))).T.astype(np.float32)
         colours = {name: image if name in _FACTORS else image @ turn for name, image in colours.items()}
         beauty = beauty @ turn
     parts: dict[str, dict[str, NDArray[np.generic]]] = {

@@ -143,10 +143,10 @@ def reduce_maximum(values: ArrayLike, width: int, height: int) -> Floats:
 
 
 def resize_map(values: Floats, width: int, height: int) -> NDArray[np.float32]:
-    """Return a small equirectangular map (h, w, ...) bilinearly enlarged to (height, width), closed at the seam."""
+    """Return a small equirectangular map (h, w) bilinearly enlarged to (height, width), closed at the seam."""
     import cv2
 
-    small_height, small_width = values.shape[:2]
+    small_height, small_width = values.shape
     x = (np.arange(width, dtype=np.float32) + 0.5) * (small_width / width) - 0.5
     y = (np.arange(height, dtype=np.float32) + 0.5) * (small_height / height) - 0.5
     grid_x, grid_y = np.meshgrid(x % small_width, np.clip(y, 0.0, small_height - 1.0))
