@@ -6,6 +6,7 @@ from __future__ import annotations
 import ast
 import importlib
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -113,6 +114,13 @@ def test_benchmarks_import_what_is_there(subtests: pytest.Subtests) -> None:
                     for alias in node.names:
                         if not hasattr(module, alias.name):
                             importlib.import_module(f"{module.__name__}.{alias.name}")
+
+
+def test_every_benchmark_is_started_at_its_smallest() -> None:
+    """What benchmarks/smallest.py does not start is found broken when it is needed."""
+    benchmarks = ROOT.parent / "benchmarks"
+    starts = runpy.run_path(str(benchmarks / "smallest.py"))["STARTS"]
+    assert set(starts) == {path.stem for path in benchmarks.glob("*.py")}
 
 
 def test_no_module_name_stands_twice() -> None:
