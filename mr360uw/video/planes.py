@@ -26,7 +26,7 @@ from typing import Any
 
 import av
 import numpy as np
-from av.sidedata.sidedata import Type
+from av.sidedata.sidedata import SideDataContainer, Type
 from numpy.typing import NDArray
 
 from mr360uw.base.cache import shared
@@ -217,7 +217,8 @@ def has_stereo_mark(native: Any) -> bool:
 
     x264 takes a new arrangement for a change of settings in mid-stream, after which "lossless" loses a few codes.
     """
-    return native.side_data.get(Type.STEREO3D) is not None
+    marks = SideDataContainer(native)  # `native.side_data` is kept by the frame that it keeps: neither would be freed
+    return marks.get(Type.STEREO3D) is not None
 
 
 # --- Grain of the plate ---------------------------------------------------------------------------------------------
