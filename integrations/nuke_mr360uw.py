@@ -5,14 +5,14 @@ import nuke_mr360uw
 nuke_mr360uw.build("dive.mp4", "layers_%04d.exr", first=0, last=240)
 
 composite = rgb + (1 - A) (plate + receiver_difference)
-rgb = diffuse + glossy + sun + lamps + emission + veil + shafts
+rgb = diffuse + glossy + sun + lamps + emission + veil + shafts + snow
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-PARTS = ("diffuse", "glossy", "sun", "lamps", "emission", "veil", "shafts")
+PARTS = ("diffuse", "glossy", "sun", "lamps", "emission", "veil", "shafts", "snow")
 """Parts of the light of objects that add up to the colour of the layer."""
 
 

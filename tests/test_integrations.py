@@ -1,19 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files for other programs: their arithmetic, without these programs."""
+"""The files for other programs: their arithmetic without these programs, and what Blender makes where it is there."""
 
 from __future__ import annotations
 
 import importlib.util
+import json
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
+import trimesh
 
+import mr360uw as uw
 from mr360uw.composite.motion import rigid, rotation_matrix
 from mr360uw.scene.model import scene_from_dict
+from mr360uw.video.exr import write_exr
+from tests.scenes import gradient_plate, scene_with
 from tests.tolerances import FLOAT64
 
 FOLDER = Path(__file__).resolve().parents[1] / "integrations"
@@ -108,3 +116,51 @@ def test_the_tree_of_nuke_is_the_composite(rng: np.random.Generator, monkeypatch
     made = script.build("plate", "layers", 0, 1)
     expected = sum(parts.values()) + (1 - layers["alpha"]) * (plate["rgb"] + layers["receiver_difference"])
     np.testing.assert_allclose(made["rgb"], expected, atol=FLOAT64)
+
+
+MATTE = """
+import sys, bpy
+tree = bpy.data.node_groups.new("matte", "CompositorNodeTree")
+tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+node, out = tree.nodes.new("CompositorNodeCryptomatteV2"), tree.nodes.new("NodeGroupOutput")
+node.source, node.image = "IMAGE", bpy.data.images.load(sys.argv[1])
+node.layer_name, node.matte_id = "CryptoObject", "ball"
+tree.links.new(node.outputs["Matte"], out.inputs[0])
+scene = bpy.context.scene
+scene.compositing_node_group, scene.render.engine, scene.render.filepath = tree, "CYCLES", sys.argv[2]
+scene.render.resolution_x, scene.render.resolution_y = 128, 64
+scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
+bpy.ops.render.render(write_still=True)
+"""
+
+
+@pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs bpy, Blender as a module")
+def test_the_compositor_of_blender_makes_the_composite(tmp_path: Path) -> None:
+    """Blender itself renders the tree from a plate and its layers, with a ball over the ground in snow."""
+    for k in (1, 2):
+        write_exr(tmp_path / f"plate_{k:04d}.exr", gradient_plate(128, 64) / k)
+    trimesh.creation.icosphere(subdivisions=3, radius=0.8).export(tmp_path / "ball.glb")
+    scene = scene_with(
+        tmp_path, tmp_path / "ball.glb", rough=True, plate=str(tmp_path / "plate_%04d.exr"),
+        receiver={"height_m": -1.5}, snow={"amount": 30.0},
+    )  # fmt: skip
+    made, layers = tmp_path / "made_%04d.exr", tmp_path / "layers_%04d.exr"
+    uw.composite_video(scene, made, layers=layers)
+    found = tmp_path / "over_"
+    words = [tmp_path / "plate_0001.exr", layers, 1, 2, found]
+    program = [sys.executable, FOLDER / "blender_layers.py", "--", *words]
+    subprocess.run([str(word) for word in program], check=True, capture_output=True, cwd=tmp_path)
+    for k in (1, 2):
+        names = f"made_{k:04d}.exr", f"over_{k:04d}.exr"
+        ours, theirs = (next(uw.open_video(tmp_path / name).frames()).image_linear for name in names)
+        # half floats of ten parts, each off by 2^-11 of itself
+        np.testing.assert_allclose(theirs, ours, atol=10 * 2.0**-11)
+    words = [sys.executable, "-c", MATTE, tmp_path / "layers_0001.exr", tmp_path / "matte.exr"]
+    subprocess.run([str(word) for word in words], check=True, capture_output=True)
+    matte = next(uw.open_video(tmp_path / "matte.exr").frames()).image_linear[..., 0]
+    part = {p.header["name"]: p for p in OpenEXR.File(str(tmp_path / "layers_0001.exr")).parts}["CryptoObject00"]
+    manifest = next(text for name, text in part.header.items() if name.endswith("manifest") and "ball" in text)
+    number, covered = part.channels["CryptoObject00"].pixels[..., 0], part.channels["CryptoObject00"].pixels[..., 1]
+    of_ball = number.view(np.uint32) == int(json.loads(manifest)["ball"], 16)
+    np.testing.assert_allclose(matte, np.where(of_ball, covered, 0.0), atol=2.0**-11)  # a half float, up to 1
+    assert matte.max() == 1.0

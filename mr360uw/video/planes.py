@@ -217,7 +217,8 @@ def has_stereo_mark(native: Any) -> bool:
 
     x264 takes a new arrangement for a change of settings in mid-stream, after which "lossless" loses a few codes.
     """
-    marks = SideDataContainer(native)  # `native.side_data` is kept by the frame that it keeps: neither would be freed
+    container: Any = SideDataContainer
+    marks = container(native)  # `native.side_data` is kept by the frame that it keeps: neither would be let go of
     return marks.get(Type.STEREO3D) is not None
 
 
