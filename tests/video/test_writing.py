@@ -483,6 +483,17 @@ def test_memory_does_not_grow_with_the_clip(tmp_path) -> None:
     assert peaks[1] / peaks[0] - 1 < VIDEO_MEMORY_GROWTH
 
 
+def test_nothing_keeps_a_frame_that_was_written(tmp_path) -> None:
+    """Not even itself: frames of a large clip would fill the memory until Python next looks for such rings."""
+    source = write_clip(tmp_path / "in.mp4", 2)
+    with open_video(source) as video, create_video(tmp_path / "out.mp4", video, LOSSLESS) as out:
+        for frame in video.frames():
+            before = sys.getrefcount(frame.native)
+            out.write(frame)
+            after = sys.getrefcount(frame.native)
+            assert after == before
+
+
 def test_settings_refuse_nonsense() -> None:
     for wrong in ({"codec": "h266"}, {"quality": 99}, {"codec": "av1", "quality": "lossless"}, {"speed": 3}):
         with pytest.raises(ParameterError):
