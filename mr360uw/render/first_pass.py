@@ -6,7 +6,7 @@ caustics.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -40,7 +40,7 @@ from mr360uw.render.mattes import ReceiverClip
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import without_gain
-from mr360uw.types import BeamSpread, Environment, Floats, MediumTable, Rectangle, Sun
+from mr360uw.types import BeamSpread, Environment, Floats, MediumTable, Rectangle, Sun, sample_step
 from mr360uw.video import VideoFrame, VideoReader
 from mr360uw.video.reader import Grade
 
@@ -209,6 +209,10 @@ class _Pass:
         self._camera, self._now = surroundings.camera, keyed or (lambda _: surroundings)
         self._video, self._measures, self._background, self._grade = video, measures, background, grade
         self._level, self._light = lru_cache(maxsize=1)(self._fit), lru_cache(maxsize=1)(self._read)
+        # Frames that the pass went by are read where light changes about them; from then on, all are
+        self._step, self._reads_all = sample_step(float(video.frame_rate)), False
+        self._late, self._later = lru_cache(maxsize=self._step)(self._read_late), iter(tuple[VideoFrame]())
+        self._next_late = -1
 
     def over(self, begin: int, end: int | None, progress: Progress | None) -> ClipAnalysis:
         """Return the analysis of frames [begin, end)."""
@@ -221,14 +225,14 @@ class _Pass:
         # Go through the frames once, and give each to all that measure
         suns, gains, looks = SunSeries(self.sun, rate), GainSeries(self._level, rate), OpenWaterLooks(rate)
         with one_blas_thread():
-            for frame in prefetch(one.graded_by(self._grade) for one in self._video.frames(begin, end)):
+            for frame in prefetch(self._frames(begin, end, looks)):
                 if "gain" in measures:
                     gains.add(frame, frame.index)
                     if "open_water" in measures and looks.due(frame.index):
                         looks.add(frame.index, self.open_water(frame))
                 if "sun" in measures:
                     suns.add(frame, frame.index, frame.time_s)
-                if background is not None:
+                if background is not None and frame.is_read:
                     background.add(frame)
                 if progress is not None:
                     progress(frame.index + 1 - begin, None if end is None else end - begin)
@@ -243,6 +247,31 @@ class _Pass:
             open_water=None if steady is None else looks.track(steady, begin, gains.cuts()),
         )
 
+    def _frames(self, begin: int, end: int | None, looks: OpenWaterLooks) -> Iterator[VideoFrame]:
+        """Yield frames [begin, end), of which those that nothing is measured in may lack their codes."""
+        if end is None:
+            yield from self._video.frames(begin)
+            return
+        step, background = self._step, self._background
+        tail = (end - 1) // step * step  # the frames after the last sample are measured each
+
+        def wanted(index: int) -> bool:
+            sample = index == begin or index % step == 0 or index > tail or self._reads_all
+            return sample or looks.due(index) or (background is not None and background.takes(index - begin))
+
+        yield from (one.graded_by(self._grade) for one in self._video.sampled(begin, end, wanted))
+
+    def _whole(self, frame: VideoFrame) -> VideoFrame:
+        """Return a frame with its codes."""
+        return frame if frame.is_read else self._late(frame.index)
+
+    def _read_late(self, index: int) -> VideoFrame:
+        self._reads_all = True
+        if index != self._next_late:
+            self._later = self._video.frames(index, self._video.frame_count)
+        self._next_late = index + 1
+        return next(self._later).graded_by(self._grade)
+
     def open_water(self, frame: VideoFrame) -> OpenWater:
         """Return the open water of a frame whose gain is fitted."""
         now, sun = self._now(frame.time_s), self._light(frame).sun
@@ -250,7 +279,7 @@ class _Pass:
 
     def sun(self, frame: VideoFrame) -> SunMeasurement:
         """Return the sun of a frame, with the light that its water lets be known."""
-        now = self._now(frame.time_s)
+        frame, now = self._whole(frame), self._now(frame.time_s)
         world_from_camera = self._camera.at(frame.time_s)[1]
         light = self._light(frame)
         if now.medium is not None and may_be_clipped(frame.pixels, now.settings):
@@ -265,12 +294,12 @@ class _Pass:
 
     def _read(self, frame: VideoFrame) -> Environment:
         """Return the light of a frame as the plate shows it."""
-        return self._now(frame.time_s).light.of(frame.pixels, time_s=frame.time_s)
+        return self._now(frame.time_s).light.of(self._whole(frame).pixels, time_s=frame.time_s)
 
     def _fit(self, frame: VideoFrame) -> MeasuredGain:
-        medium, up = self._water(frame), self._camera.at(frame.time_s)[1][1]
-        gain, residual = fit_level(medium, level_view(frame.pixels, up))
-        return MeasuredGain(gain, residual, plate_map(frame.pixels, up))
+        medium, up, pixels = self._water(frame), self._camera.at(frame.time_s)[1][1], self._whole(frame).pixels
+        gain, residual = fit_level(medium, level_view(pixels, up))
+        return MeasuredGain(gain, residual, plate_map(pixels, up))
 
     def _water(self, frame: VideoFrame) -> Medium:
         """Return the water at the camera's depth in a frame, with the gain of the scene; there is some."""
@@ -356,12 +385,15 @@ class BackgroundSeries:
         self._small: list[Floats] = []
         self._measured: list[VideoFrame] = []
 
+    def takes(self, place: int) -> bool:
+        """Return whether a frame counts, by its place among those that are read."""
+        return place < FRAMES and place % _EVERY == 0
+
     def add(self, frame: VideoFrame) -> None:
         """Take a frame in, where it is one of those that count."""
         if self._first is None:
             self._first = frame.index
-        place = frame.index - self._first
-        if place >= FRAMES or place % _EVERY:
+        if not self.takes(frame.index - self._first):
             return
         if len(self._measured) < _MEASURED:
             self._measured.append(replace(frame))  # without what was worked out from its codes

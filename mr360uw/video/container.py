@@ -37,7 +37,7 @@ from mr360uw.video.demux import (
 )
 from mr360uw.video.layout import EyeChoice, output_layout, panorama_crops, planes_of, shape_of_codes
 from mr360uw.video.planes import plane_views
-from mr360uw.video.reader import Damaged, Decoder, Seeker, VideoFrame, VideoReader, check_range
+from mr360uw.video.reader import Chosen, Damaged, Decoder, Seeker, VideoFrame, VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical
 
 _SOUND_LONGER_S = 1.0
@@ -203,6 +203,12 @@ class ContainerReader(VideoReader):
         start, stop = self.check_range(start, stop)
         return self._held(start, stop) if self._damaged == "hold" else self._decoded(start, stop)
 
+    def sampled(self, start: int, stop: int, chosen: Chosen) -> Iterator[VideoFrame]:
+        """Return an iterator over the frames, some without codes; see `VideoReader`."""
+        start, stop = self.check_range(start, stop)
+        held = self._damaged == "hold"
+        return self._held(start, stop) if held else self._decoded(start, stop, chosen)
+
     @contextmanager
     def seeker(self) -> Iterator[Seeker]:
         """Yield a function of a start that reads on from there in the same open file; see `VideoReader`."""
@@ -216,23 +222,34 @@ class ContainerReader(VideoReader):
         """Return the last frame up to another at which decoding may start."""
         return self.index.entry_before(index)
 
-    def _decoded(self, start: int, stop: int) -> Iterator[VideoFrame]:
+    def _decoded(self, start: int, stop: int, chosen: Chosen | None = None) -> Iterator[VideoFrame]:
         """Yield frames of a pass of its own."""
         with open_container(self.path, self._track, self._card) as (container, stream):
-            yield from self._read(container, stream, start, stop)
+            yield from self._read(container, stream, start, stop, chosen=chosen)
 
     def _read(
-        self, container: Any, stream: Any, start: int, stop: int, *, rewound: bool = True
+        self,
+        container: Any,
+        stream: Any,
+        start: int,
+        stop: int,
+        *,
+        rewound: bool = True,
+        chosen: Chosen | None = None,
     ) -> Iterator[VideoFrame]:
-        """Yield frames; `DamagedFrameError` at the first that is lost."""
+        """Yield frames; `DamagedFrameError` at the first that is lost. chosen: None for all."""
         reached, reason = start, ""
-        for index, pts, native, why in pictures(container, stream, self.index, start, self._reorder, rewound=rewound):
+        all_of = pictures(container, stream, self.index, start, self._reorder, rewound=rewound, chosen=chosen)
+        for index, pts, native, why in all_of:
             if index < start:
                 continue
             reached, reason = index, why
-            if native is None:
+            if native is None and (chosen is None or why):
                 break
-            yield self._frame(index, pts, native)
+            if native is None or (chosen is not None and not chosen(index)):
+                yield self._passed_over(index, pts)
+            else:
+                yield self._frame(index, pts, native)
             reached += 1
             if reached == stop:
                 return
@@ -281,6 +298,10 @@ class ContainerReader(VideoReader):
             index, pts, _, _ = last
             for beyond in range(1, self.frame_count - index):
                 yield index + beyond, pts + step * beyond, None, ""
+
+    def _passed_over(self, index: int, pts: int) -> VideoFrame:
+        time_s = float((pts - self.start_pts) * self.time_base)
+        return VideoFrame(index, pts, self.time_base, time_s, 0, self.spec, wrap=self._wrap)
 
     def _frame(self, index: int, pts: int, native: Any, *, lost: bool = False) -> VideoFrame:
         # Check that the format is that of the first frame

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -308,12 +308,20 @@ lost; and the decoder's reason for that, "" where it gave none."""
 
 
 def pictures(
-    container: Any, stream: Any, index: FrameIndex, start: int, reorder: int | None = None, *, rewound: bool = True
+    container: Any,
+    stream: Any,
+    index: FrameIndex,
+    start: int,
+    reorder: int | None = None,
+    *,
+    rewound: bool = True,
+    chosen: Callable[[int], bool] | None = None,
 ) -> Iterator[StoredPicture]:
     """Yield the pictures of an open file, from one at or before `start` on, lost ones too.
 
     reorder: most pictures by which decoding runs ahead of presentation; pictures before `start` that no other refers to
-    are then left out as if lost. None decodes all. rewound: whether nothing of the file has been read yet.
+    are then left out as if lost. None decodes all. rewound: whether nothing of the file has been read yet. chosen:
+    whether a number is; of the others, pictures that no other refers to are left out too.
 
     After a seek, pictures that are shown before the keyframe but decoded after it (an open group of pictures) count
     as frames before it and are dropped: their references may be missing.
@@ -325,9 +333,13 @@ def pictures(
     reason, context = "", stream.codec_context
     needed = number if reorder is None else start - reorder
     for place, packet in enumerate(packets, number):
-        context.skip_frame = "NONREF" if place < needed else "DEFAULT"
         if packet.pts is not None and packet.pts >= first and not packet.is_discard:
             heapq.heappush(announced, packet.pts)
+        skipped = place < needed
+        if chosen is not None and packet.pts is not None:
+            # Before one that no other refers to, all that are shown earlier have come
+            skipped = skipped or not chosen(number + sum(pts < packet.pts for pts in announced))
+        context.skip_frame = "NONREF" if skipped else "DEFAULT"
         try:
             frames = () if packet.is_corrupt else packet.decode()  # one that is cut short shows half a picture
         except av.error.FFmpegError as error:

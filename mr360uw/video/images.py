@@ -27,7 +27,7 @@ from mr360uw.video.layout import EyeChoice, output_layout, panorama_crops, part_
 from mr360uw.video.picture_file import PictureFile, picture_file
 from mr360uw.video.picture_tags import PictureTags
 from mr360uw.video.planes import peak_code
-from mr360uw.video.reader import VideoFrame, VideoReader, check_range
+from mr360uw.video.reader import Chosen, VideoFrame, VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata
 
 PictureFiles = tuple[tuple[Path, ...], int, tuple[str, ...]]
@@ -168,14 +168,20 @@ class ImageReader(VideoReader):
         """Return an iterator over the frames start <= index < stop; a still repeats, one frame by default."""
         return self._read(*self.check_range(start, stop))
 
-    def _read(self, start: int, stop: int) -> Iterator[VideoFrame]:
+    def sampled(self, start: int, stop: int, chosen: Chosen) -> Iterator[VideoFrame]:
+        """Return an iterator over the frames; the files of those that are not chosen are not opened."""
+        return self._read(*self.check_range(start, stop), chosen)
+
+    def _read(self, start: int, stop: int, chosen: Chosen = lambda _: True) -> Iterator[VideoFrame]:
         read = self._codes(self._files[0]) if self.is_still else None
         for index in range(start, stop):
-            both, tags = read if read is not None else self._codes(self._files[index])
             time_s = float(index * self.time_base)
-            frame = VideoFrame(
-                index, index, self.time_base, time_s, 1, self.spec, rgb=both[0], wrap=self._wrap, picture_tags=tags
-            )
+            frame = VideoFrame(index, index, self.time_base, time_s, 1, self.spec, wrap=self._wrap)
+            if not chosen(index):
+                yield frame
+                continue
+            both, tags = read if read is not None else self._codes(self._files[index])
+            frame = replace(frame, rgb=both[0], picture_tags=tags)
             yield frame if len(both) == 1 else replace(frame, right=replace(frame, rgb=both[1]))
 
     def _codes(self, path: Path) -> tuple[list[NDArray[Any]], PictureTags]:

@@ -55,7 +55,7 @@ class VideoFrame:
     left eye this is, the right one at the same instant. clipped: of a composite, the light (h, w, 3) of tiles in which
     some is brighter than the codes can say. plate: of a composite of planes, what it was laid over. grade: of the
     codes, None for none: light is read without it and written with it; a composite holds its codes alone. picture_tags:
-    metadata of the picture that it was read from.
+    metadata of the picture that it was read from. With neither yuv nor rgb it was passed over (`VideoReader.sampled`).
     """
 
     index: int
@@ -80,6 +80,11 @@ class VideoFrame:
         """Return the frame of a picture of linear Rec.709 light (H, W, 3), float32."""
         spec = ColorSpec("bt709", True, "linear", 32)
         return cls(index, 0, Fraction(1), time_s, 0, spec, rgb=image_linear)
+
+    @property
+    def is_read(self) -> bool:
+        """Whether the frame has codes; not where a pass went by it."""
+        return self.yuv is not None or self.rgb is not None
 
     @property
     def pixels(self) -> YuvImage | NDArray[np.float32]:
@@ -313,6 +318,8 @@ Decoder = Literal["software", "auto"]
 
 Seeker = Callable[[int], Iterator[VideoFrame]]
 """Frames from a start on, to the end of the clip; of a still its one."""
+Chosen = Callable[[int], bool]
+"""Whether a frame of an index is asked for."""
 
 
 class VideoReader(Clip, ABC):
@@ -359,6 +366,14 @@ class VideoReader(Clip, ABC):
         Frame k is the same however it is reached. The range is checked at once, the frames are decoded as they are
         asked for. Use each iterator from one thread; several may run side by side.
         """
+
+    def sampled(self, start: int, stop: int, chosen: Chosen) -> Iterator[VideoFrame]:  # noqa: ARG002 - of files
+        """Return an iterator over the same frames, of which those that are not chosen may come without codes.
+
+        That is where reading them takes time: in video, pictures that no other is decoded from. A few that are chosen
+        may lack their codes too. chosen: of an index, asked on the thread that reads, some frames ahead.
+        """
+        return self.frames(start, stop)
 
     @contextmanager
     def seeker(self) -> Iterator[Seeker]:
@@ -464,6 +479,11 @@ class _ScaledReader(ReaderOver):
         """Return an iterator over the frames; see `VideoReader`."""
         return (smaller(frame, self.width, self.height) for frame in self._plate.frames(start, stop))
 
+    def sampled(self, start: int, stop: int, chosen: Chosen) -> Iterator[VideoFrame]:
+        """Return an iterator over the frames, some without codes; see `VideoReader`."""
+        found = self._plate.sampled(start, stop, chosen)
+        return (smaller(frame, self.width, self.height) if frame.is_read else frame for frame in found)
+
 
 def smaller(frame: VideoFrame, width: int, height: int) -> VideoFrame:
     """Return a frame reduced to an even size; every pixel is the mean of the codes that it covers."""
@@ -517,6 +537,16 @@ class DecodedOnce(ReaderOver):
         if all(index in self._kept for index in range(start, stop)):
             return (_anew(self._kept[index]) for index in range(start, stop))
         return map(self._seen, self._plate.frames(start, stop))
+
+    def sampled(self, start: int, stop: int, chosen: Chosen) -> Iterator[VideoFrame]:
+        """Return an iterator over the frames: all where they are kept, else as the plate's; see `VideoReader`."""
+        frames = self.frames(start, stop)
+        first = next(frames)
+        yield first
+        if first.index in self._kept:
+            yield from frames
+        elif first.index + 1 < stop:
+            yield from self._plate.sampled(first.index + 1, stop, chosen)
 
     def _seen(self, frame: VideoFrame) -> VideoFrame:
         """Return a frame that has been read; keep it, where it is one of those."""

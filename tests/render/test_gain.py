@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +28,8 @@ from mr360uw.sample.dive import record
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
-from mr360uw.video import read_picture, write_exr
+from mr360uw.video import VideoFrame, read_picture, write_exr
+from mr360uw.video.reader import ReaderOver
 from tests.dives import over_sand
 from tests.scenes import scene_with
 from tests.tolerances import CHROMA_STEP, FLOAT32, FLOAT64, GAIN, GAIN_FLICKER, GAIN_OF_CLEAR, GAIN_OF_DIVE
@@ -267,6 +269,24 @@ def test_a_few_frames_a_second_give_the_gain_of_all(begin: int, step_at: int | N
     apart = {index for index in range(begin, count) if index % 3 and index != begin and index < 39}
     around = set() if step_at is None else set(range(step_at // 3 * 3, step_at // 3 * 3 + 3))
     assert apart - set(counted) == apart - around
+
+
+class ReadWhole(ReaderOver):
+    """A plate of which every frame is read."""
+
+    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
+        return self._plate.frames(start, stop)
+
+
+def test_frames_that_a_pass_goes_by_are_read_where_the_light_changes(reef: Path) -> None:
+    """Something passes, between samples too: gain and sun are those of a pass that reads all."""
+    scene = scene_of(reef, light={"sun": "detect"})
+    with open_plate(scene) as video:
+        seen = list(video.sampled(0, FRAMES, lambda index: index % 2 == 0))
+        some, every = (first_pass(load_surroundings(scene), one) for one in (video, ReadWhole(video)))
+    assert sum(frame.is_read for frame in seen) == FRAMES / 2
+    np.testing.assert_array_equal(some.gain, every.gain)
+    np.testing.assert_array_equal(some.sun.raw_direction, every.sun.raw_direction)
 
 
 def test_water_whose_blue_is_clipped_keeps_its_colour() -> None:

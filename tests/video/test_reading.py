@@ -45,6 +45,32 @@ def test_a_frame_is_the_same_however_it_is_reached(tmp_path, name, codec, option
             }
 
 
+@pytest.mark.parametrize("start", [0, 8])
+@pytest.mark.parametrize(("suffix", "options"), [(".mp4", OPEN_GROUPS), (".mp4", {"bf": "3"}), (".mkv", {"bf": "0"})])
+def test_a_sampled_pass_has_the_frames_that_are_chosen(tmp_path, suffix, options, start) -> None:
+    path = write_clip(tmp_path / f"in{suffix}", 24, options=options)
+    with open_video(path) as video:
+        every = {frame.index: frame for frame in video.frames()}
+        found = list(video.sampled(start, 24, lambda index: index % 5 == 0))
+    assert [frame.index for frame in found] == list(range(start, 24))
+    assert [frame.index for frame in found if frame.is_read] == [k for k in range(start, 24) if k % 5 == 0]
+    for frame in found:
+        assert (frame.pts, frame.time_s) == (every[frame.index].pts, every[frame.index].time_s)
+        if frame.is_read:
+            np.testing.assert_array_equal(frame.yuv.y, every[frame.index].yuv.y)
+
+
+def test_pictures_that_are_not_chosen_are_not_opened(tmp_path) -> None:
+    for k in range(5):
+        write_exr(tmp_path / f"plate_{k}.exr", np.full((32, 64, 3), 0.1 * k, np.float32))
+    with open_video(tmp_path / "plate_%d.exr") as video:
+        (tmp_path / "plate_3.exr").write_bytes(b"damaged")
+        half = scaled(DecodedOnce(video, (0, 0)), 0.5)
+        found = list(half.sampled(0, 5, lambda index: index % 2 == 0))
+    assert [frame.is_read for frame in found] == [True, False, True, False, True]
+    assert found[4].shape == (16, 32)
+
+
 def test_frames_equal_a_plain_decode(tmp_path) -> None:
     path = write_clip(tmp_path / "plain.mp4")
     with open_video(path) as video:
