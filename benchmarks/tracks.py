@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the verdict on a track holds: python benchmarks/tracks.py [--quick] [--seeds A:B:STEP] [--clips FOLDER]
+"""Whether the verdict on a track holds:
+python benchmarks/tracks.py [--quick] [--seeds A:B:STEP] [--clips FOLDER] [--texture FACTOR]
 
 Clips of known paths by seed: a floor of noise in haze, walls and boulders or none, under caustics of four strengths
 (times their deviation from the mean), which evolve with the sea or drift as a rigid pattern. What the prediction does
-was chosen on seeds 0 to 39, the share that has to agree on those below 100; the default are 41 to 79. Of each clip: the
-true slip, the predicted one, and their ratio. With half the texture (`look`) a path follows a rigid pattern, unnoticed.
+was chosen on seeds 0 to 39, the share that has to agree on those below 100, what is light on even ones up to 62; the
+default are 41 to 79. Of each clip: the true slip, the predicted one, and their ratio. --texture 0.5: half the texture,
+over which paths follow a rigid pattern.
 
 The true slip is that of a point on the floor 5 m away, within 45 degrees of ahead, placed by the found path at one
 frame and looked at from another: the distance [cm] between it and the true point in the camera's axes there, rms over
@@ -46,15 +48,16 @@ class Clip(HazyScene):
 
     rigid: bool = False
     walls: bool = True
+    texture: float = 1.0
 
     @classmethod
-    def of(cls, seed: int) -> Clip:
+    def of(cls, seed: int, texture: float = 1.0) -> Clip:
         """Return the clip of a seed: of even and of odd ones, sixteen in turn have all kinds of light and scene."""
         kind, r = seed // 2, np.random.default_rng([seed, 77])
         murk = r.uniform(1.0, 2.5)
         return cls(
             seed, caustics=STRENGTHS[kind % 4], rigid=bool(kind // 4 % 2), walls=bool(kind // 8 % 2), particles=60,
-            haze=murk * np.array([0.25, 0.10, 0.08]), speed_m_s=r.uniform(0.4, 1.1),
+            haze=murk * np.array([0.25, 0.10, 0.08]), speed_m_s=r.uniform(0.4, 1.1), texture=texture,
         )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -64,7 +67,7 @@ class Clip(HazyScene):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
         put("drift_m_s", r.uniform(0.15, 0.6) * np.array([np.cos(way), np.sin(way)]))
         put("sway", np.column_stack([r.uniform(0.5, 2.5, 3), r.uniform(0.0, 6.0, 3), [0.1, 0.04, 0.03]]))
-        put("look", (self.look[0], 1.8 * self.look[1], self.look[2]))
+        put("look", (self.look[0], 1.8 * self.texture * self.look[1], self.look[2]))
         if not self.walls:
             put("planes", self.planes[:1])
             put("balls", self.balls[:0])
@@ -109,18 +112,18 @@ def slips(found: tuple[Floats, Floats], true: tuple[Floats, Floats], height_m: f
     return result
 
 
-def clip_file(seed: int, folder: Path) -> Path:
-    """Return the clip of a seed, made unless it is there."""
-    path, clip = folder / f"{seed}.mp4", Clip.of(seed)
+def clip_file(clip: Clip, folder: Path) -> Path:
+    """Return a clip, made unless it is there."""
+    path = folder / f"{clip.seed}_{clip.texture:g}.mp4"
     if not path.exists():
-        record(path, (clip.see(WIDTH, k / float(RATE))[0] for k in range(FRAMES)), RATE, seed=seed)
+        record(path, (clip.see(WIDTH, k / float(RATE))[0] for k in range(FRAMES)), RATE, seed=clip.seed)
     return path
 
 
-def measure(seed: int, folder: Path, keep: Path | None = None) -> str:
-    """Track the clip of a seed; return its row of the table."""
-    clip, path = Clip.of(seed), clip_file(seed, folder)
-    kind = f"{seed:4d} {clip.caustics:8.1f}  {'rigid' if clip.rigid else 'free':5s} {'yes' if clip.walls else 'no':5s}"
+def measure(clip: Clip, folder: Path, keep: Path | None = None) -> str:
+    """Track a clip; return its row of the table."""
+    path, drift = clip_file(clip, folder), "rigid" if clip.rigid else "free"
+    kind = f"{clip.seed:4d} {clip.caustics:8.1f}  {drift:5s} {'yes' if clip.walls else 'no':5s}"
     true, begin = poses(clip), time.process_time()
     length = float(np.linalg.norm(np.diff(true[0], axis=0), axis=1).sum())
     try:
@@ -144,12 +147,13 @@ def main() -> None:
     given.add_argument("--quick", action="store_true")
     given.add_argument("--seeds", default="41:81:2")
     given.add_argument("--clips", type=Path)
+    given.add_argument("--texture", type=float, default=1.0)
     options = given.parse_args()
     seeds = range(*map(int, options.seeds.split(":")))
     print("seed strength  drift walls   path  true cm predicted  ratio  verdict  agreed kind")
     with tempfile.TemporaryDirectory() as folder:
         for seed in seeds[::5] if options.quick else seeds:
-            print(measure(seed, options.clips or Path(folder)), flush=True)
+            print(measure(Clip.of(seed, options.texture), options.clips or Path(folder)), flush=True)
 
 
 if __name__ == "__main__":

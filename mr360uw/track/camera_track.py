@@ -53,6 +53,7 @@ class CameraTrack:
     as `structure` defines them, in pixels of a panorama 2048 wide. depth_m: of the first camera, of a depth log.
     agreed: share of what is seen again after half a second and more that fits the path. slip_m: predicted slip [m] of
     what is placed 5 m away, rms over pairs of frames (`slip.predicted_slip`); None of cameras that do not move.
+    light_m: how far [m] light that drifts over the floor had carried the path off, which is taken out.
     """
 
     kind: Kind
@@ -75,6 +76,7 @@ class CameraTrack:
     depth_m: float | None = None
     agreed: float | None = None
     slip_m: float | None = None
+    light_m: float = 0.0
 
     @property
     def quaternion(self) -> Floats:
@@ -94,6 +96,7 @@ class CameraTrack:
             "coverage": round(self.coverage, 4), "width": self.width, "slip_px": self.slip_px,
             "worst_slip_px": self.worst_slip_px, "held_out_px": self.held_out_px, "depth_m": self.depth_m,
             "agreed": self.agreed, "slip_m": self.slip_m,
+            "light_m": self.light_m,
             "key_frames": self.key_frames.tolist(),
             "floor": None if self.floor is None else asdict(self.floor),
             "time_s": self.time_s.tolist(), "position_m": self.position.tolist(),

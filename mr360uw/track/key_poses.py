@@ -223,6 +223,10 @@ class KeyPoses:
     others: tuple[tuple[Floats, Floats], ...] = ()
 
 
+MASK = "mask.png"
+"""File of a shot's folder that is black where nothing is tracked."""
+
+
 def solve_key_frames(
     where: str, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps, *, mask_only: bool
 ) -> KeyPoses:
@@ -267,7 +271,7 @@ def _mask(keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, *, 
     if left_out is not None:
         size = (keys.width, keys.height)
         mask |= cv2.resize(left_out.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
-    path = folder / "mask.png"
+    path = folder / MASK
     cv2.imwrite(str(path), np.where(mask, 0, 255).astype(np.uint8))
     return path
 

@@ -21,9 +21,10 @@ from mr360uw.base.progress import Progress, Steps
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.track.camera_track import CameraTrack, Measure, World, window_up, world_of
 from mr360uw.track.colmap import load_colmap
+from mr360uw.track.drifting_light import drifting_light
 from mr360uw.track.floor_mesh import FloorMesh
 from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames
-from mr360uw.track.key_poses import BETWEEN, WIDTH, KeyPoses, solve_between, solve_key_frames
+from mr360uw.track.key_poses import BETWEEN, MASK, WIDTH, KeyPoses, solve_between, solve_key_frames
 from mr360uw.track.slip import predicted_slip
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
@@ -179,7 +180,7 @@ def _solved(
     window = window_up(poses.paths, poses.rotation) if stated is None else None
     gravity, by = stated or (None, "")
     world = world_of(*frames[:2], poses.points, gravity, window, measure, keys.time_s, by)
-    return _in_world(keys, poses, frames, world)
+    return _in_world(keys, poses, frames, world, folder / MASK)
 
 
 @contextmanager
@@ -234,24 +235,31 @@ def stated_up(clip: VideoReader, time_s: Floats) -> tuple[Floats, str] | None:
 
 
 def _in_world(
-    keys: KeyFrames, poses: KeyPoses, frames: tuple[Floats, Floats, Floats, Floats], world: World
+    keys: KeyFrames, poses: KeyPoses, frames: tuple[Floats, Floats, Floats, Floats], world: World, mask: Path
 ) -> CameraTrack:
     """Return the track of all frames in the world's axes."""
-    position, rotation, residual, observed = frames
+    residual, observed = frames[2:]
+    position, rotation, points = world.place(frames[0]), world.rotation @ frames[1], world.place(poses.points)
     slip, feature = poses.held_out
-    slip_m = None
+    # Free the path from light that carried it along, and predict its slip
+    shown, slip_m = (poses.paths, mask, poses.index, keys.time_s), None
+    away, unsure, drifts = drifting_light(*shown, (position, rotation), points)
+    position = position - away
     if poses.others:
         own = poses.position, poses.rotation
-        slip_m = world.scale * predicted_slip(own, poses.others, _DISTANCE_M / world.scale)
+        predicted = predicted_slip(own, poses.others, _DISTANCE_M / world.scale, pulled=drifts)
+        # Two paths of which one drifts along differ by that between all pairs of frames
+        slip_m = max(world.scale * predicted, float(np.sqrt(2.0) * np.linalg.norm(unsure.std(axis=0))))
     cell = np.floor(np.stack([
         12.0 * (np.arctan2(observed[:, 0], -observed[:, 2]) / (2.0 * np.pi) + 0.5), 6.0 * (0.5 - 0.5 * observed[:, 1])
     ])).astype(int)  # fmt: skip
     coverage = len(np.unique(np.clip(cell[0], 0, 11) * 6 + np.clip(cell[1], 0, 5))) / 72.0
     return CameraTrack(
-        poses.kind, keys.time_s, world.place(position), world.rotation @ rotation, residual,
-        residual * 360.0 / keys.width, poses.index, world.place(poses.points), poses.error_px, coverage, keys.width,
+        poses.kind, keys.time_s, position, rotation, residual, residual * 360.0 / keys.width, poses.index, points,
+        poses.error_px, coverage, keys.width,
         world.floor, world.up, world.scale_from, _known(np.median, slip), _known(np.max, slip),
         _known(np.median, feature), world.depth_m, poses.agreed, slip_m,
+        float(np.linalg.norm(away, axis=1).max()),
     )  # fmt: skip
 
 
@@ -311,7 +319,8 @@ def verdict(track: CameraTrack) -> str:
     slips = 0.0 if track.slip_m is None else track.slip_m / max(_length_m(track), 1e-9)
     if residual <= _USABLE_PX and share >= _USABLE_SHARE and agreed >= _USABLE_AGREED and slips <= _USABLE_SLIP:
         word = "usable"
-    if residual <= _GOOD_PX and share >= _GOOD_SHARE and agreed >= _GOOD_AGREED and slips <= _GOOD_SLIP:
+    sure = agreed >= _GOOD_AGREED and not track.light_m
+    if residual <= _GOOD_PX and share >= _GOOD_SHARE and sure and slips <= _GOOD_SLIP:
         word = "good"
     if len(track.points) and np.ptp(track.position, axis=0).max() > _FAR * np.median(
         np.linalg.norm(track.points - track.position[0], axis=1)
@@ -344,6 +353,10 @@ def report_lines(track: CameraTrack) -> list[str]:
     if track.agreed is not None:
         drifts = "" if track.agreed >= _GOOD_AGREED else ": light that drifts, as caustics do, may have made it"
         lines.append(f"seen again {100.0 * track.agreed:.0f} % of the matches over half a second fit the path{drifts}")
+    if track.light_m:
+        lines.append(
+            f"light     drifts over the floor and had carried the path off by {track.light_m:.2f} m: taken out"
+        )
     if track.held_out_px is not None:
         ground = ""
         if track.slip_px is not None:
