@@ -350,14 +350,9 @@ def wahba(a: Floats, b: Floats) -> Floats:
 
 def robust_rotation(a: Floats, b: Floats, limit_rad: float) -> tuple[Floats, np.ndarray]:
     """Return the rotation with a = R b that most matches (n, 3) agree on within `limit_rad`, and which do (n,)."""
-    rng = np.random.default_rng(0)
-    best: Floats = np.eye(3)
-    most = -1
-    for pair in rng.integers(0, len(a), (_TRIALS, 2)):
-        trial = wahba(a[pair], b[pair])
-        count = int(np.count_nonzero(_agree(a, b, trial, limit_rad)))
-        if count > most:
-            best, most = trial, count
+    pairs = np.random.default_rng(0).integers(0, len(a), (_TRIALS, 2))
+    trials = [wahba(a[pair], b[pair]) for pair in pairs]
+    best = max(trials, key=lambda trial: np.count_nonzero(_agree(a, b, trial, limit_rad)))
     inside = _agree(a, b, best, limit_rad)
     for _ in range(_REFINEMENTS):
         if np.count_nonzero(inside) < 3:
@@ -401,28 +396,23 @@ def average_rotations(count: int, matches: Matches, pixel_rad: float) -> Floats:
     """
     from scipy.spatial.transform import Rotation
 
-    pairs, relative, weight = [], [], []
-    for (i, j), (a, b) in sorted(matches.items()):
-        if len(a) >= _MINIMUM_MATCHES:
-            rotation, inside = robust_rotation(a, b, 2.0 * pixel_rad)
-            pairs.append((i, j))
-            relative.append(rotation)
-            weight.append(float(np.count_nonzero(inside)) ** 0.5)
-    absolute = np.repeat(np.eye(3)[None], count, axis=0)
-    known = {0}
-    for (i, j), rotation in zip(pairs, relative, strict=True):
-        if i in known and j not in known:
-            absolute[j] = absolute[i] @ rotation
-            known.add(j)
-    design = np.zeros((len(pairs) + 1, count))
-    design[-1, 0] = 1e3  # frame 0 stays
-    for row, ((i, j), w) in enumerate(zip(pairs, weight, strict=True)):
-        design[row, i], design[row, j] = -w, w
+    # Find the rotation of each pair, and chain them
+    known = [pair for pair in sorted(matches) if len(matches[pair][0]) >= _MINIMUM_MATCHES]
+    fits = [robust_rotation(*matches[pair], 2.0 * pixel_rad) for pair in known]
+    relative = np.reshape([turn for turn, _ in fits], (-1, 3, 3))
+    weight = np.sqrt([np.count_nonzero(inside) for _, inside in fits])
+    absolute, chained = np.repeat(np.eye(3)[None], count, axis=0), {0}
+    for (i, j), turn in zip(known, relative, strict=True):
+        if i in chained and j not in chained:
+            absolute[j] = absolute[i] @ turn
+            chained.add(j)
+    # Share out what is left; frame 0 stays
+    first, second = np.array(known, int).reshape(-1, 2).T
+    design = weight[:, None] * (np.eye(count)[second] - np.eye(count)[first])
+    design = np.vstack([design, 1e3 * np.eye(count)[:1]])
     for _ in range(_AVERAGINGS):
-        residual = np.zeros((len(pairs) + 1, 3))
-        for row, ((i, j), rotation, w) in enumerate(zip(pairs, relative, weight, strict=True)):
-            residual[row] = w * Rotation.from_matrix(absolute[i] @ rotation @ absolute[j].T).as_rotvec()
-        change = np.linalg.lstsq(design, residual, rcond=None)[0]
+        left = Rotation.from_matrix(absolute[first] @ relative @ np.swapaxes(absolute[second], 1, 2)).as_rotvec()
+        change = np.linalg.lstsq(design, np.vstack([weight[:, None] * left, np.zeros((1, 3))]), rcond=None)[0]
         absolute = Rotation.from_rotvec(change).as_matrix() @ absolute
         if np.abs(change).max() < 1e-9:
             break

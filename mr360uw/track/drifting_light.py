@@ -29,7 +29,7 @@ _LEAST, _MOST = 4, 16
 """Fewest and most frames that are compared. Twice as many take four times as long and find the same."""
 _SPAN_S = 2.0
 """Time over which a drift is taken for even; longer clips are parted."""
-_FINE, _COARSE = 1.0, 6.0
+_FINE, _COARSE = 0.5, 6.0
 """Standard deviations [cells] of blurs: finer than the first counts as fine, coarser than the second is left out."""
 _FASTEST, _SPEEDS, _APART = 0.45, 201, 0.035
 """Fastest drift [heights/s] that is looked for, number of speeds along each axis, and slowest drift that is told from
@@ -40,8 +40,8 @@ that evolves 2 to 3."""
 _OVERLAP, _NEAR = 0.42, 4.0
 """Least fraction of the texture of both layers that is at the same places, within a blur of so many cells. Light and
 albedo have 0.5 to 0.8; two levels of a floor, whose parallax looks like a drift, 0.24 to 0.33."""
-_SURE = 0.75
-"""Least difference of both layers that tells which is light. Where it is known it was 1.0 to 2.3."""
+_SURE = 0.7
+"""Least difference of both layers that tells which is light: half of the least that was found, 1.4 to 3.2."""
 _SAME = 0.1
 """Fraction of the power of a frequency below which the layers cannot be parted, as it hardly moves."""
 

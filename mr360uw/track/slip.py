@@ -145,8 +145,7 @@ def slip_between(one: Poses, other: Poses, distance: float) -> float:
         return distance
     known = known[np.unique(np.linspace(0, len(known) - 1, min(len(known), _COMPARED)).astype(int))]
     eyes = [path[0][known] - path[0][known].mean(axis=0) for path in (one, other)]
-    extent = [float(np.linalg.norm(eye)) for eye in eyes]
-    eyes[1] *= extent[0] / max(extent[1], 1e-12)
+    eyes[1] *= np.linalg.norm(eyes[0]) / max(float(np.linalg.norm(eyes[1])), 1e-12)
     # Place points in each frame, and look at them from each other one: (placing frame, looking frame, point, axis)
     level = np.sqrt(1.0 - _BELOW**2)
     look = [level * np.sin(_BEARINGS), np.full(len(_BEARINGS), -_BELOW), -level * np.cos(_BEARINGS)]

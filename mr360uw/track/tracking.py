@@ -342,14 +342,9 @@ def report_lines(track: CameraTrack) -> list[str]:
     if np.isfinite(track.residual_px).any():
         lines.append(verdict(track))
     if track.kind == "moving":
-        lines.append(
-            f"path      {_length_m(track):.2f} m in {track.time_s[-1] - track.time_s[0]:.1f} s"
-            + (
-                f"; {len(track.points)} points; features over {100.0 * track.coverage:.0f} % of the sphere"
-                if len(track.points)
-                else ""
-            )
-        )
+        seen = f"; {len(track.points)} points; features over {100.0 * track.coverage:.0f} % of the sphere"
+        path = f"path      {_length_m(track):.2f} m in {np.ptp(track.time_s):.1f} s"
+        lines.append(path + seen * bool(len(track.points)))
     if track.agreed is not None:
         drifts = "" if track.agreed >= _GOOD_AGREED else ": light that drifts, as caustics do, may have made it"
         lines.append(f"seen again {100.0 * track.agreed:.0f} % of the matches over half a second fit the path{drifts}")
