@@ -13,6 +13,7 @@ import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +23,7 @@ from mr360uw.track.colmap import CALM_S
 from mr360uw.types import Floats
 
 Maps = NDArray[np.float32]
+Pictures = Sequence[NDArray[np.uint8]]
 _CELLS, _SIDE, _RADIUS = 256, 6.0, 2.0
 """Side of the maps of the floor [cells], the same in heights of the camera, and radius of what a frame shows of it:
 farther out, pixels are longer than three cells."""
@@ -56,8 +58,6 @@ def drifting_light(
     paths, index: pictures and numbers of key frames among time_s (n,) and poses (n, 3), (n, 3, 3) in a world with +y
     up. mask: picture that is black where nothing is tracked. points (m, 3): of the scene, which the floor is fitted to.
     """
-    import cv2
-
     # Turn and scale the floor to y = 0, and the camera to a height of 1
     (position, rotation), at = poses, time_s[index]
     plane = fit_floor(points, position[0], np.array([0.0, 1.0, 0.0])) if len(points) else None
@@ -86,7 +86,7 @@ def drifting_light(
 
 
 def drifting_layer(
-    pictures: Sequence[NDArray[np.uint8]], mask: NDArray[np.uint8], time_s: Floats, eyes: Floats, turns: Floats
+    pictures: Pictures, mask: NDArray[np.uint8], time_s: Floats, eyes: Floats, turns: Floats
 ) -> tuple[Floats, float]:
     """Return the drift (2,) [heights/s] over x and z of a layer of the floor y = 0, and whether it is the light:
     positive if so, negative if it is the albedo, infinite where none lasts.
@@ -94,8 +94,6 @@ def drifting_layer(
     pictures: of codes (H, W), seen from eyes (k, 3) at heights of 1, with rotations (k, 3, 3) at time_s (k,). mask: 0
     where they show something else.
     """
-    import cv2
-
     # Lay the frames out as seen from above, and find what drifts in them besides their mean
     maps, shown = _maps(pictures, mask, eyes, turns)
     spectra, time_s = np.fft.rfft2(maps), time_s - time_s.mean()
@@ -118,12 +116,8 @@ def drifting_layer(
     return drift, float(skew[1] - skew[0] + fine[0] - fine[1])
 
 
-def _maps(
-    pictures: Sequence[NDArray[np.uint8]], mask: NDArray[np.uint8], eyes: Floats, turns: Floats
-) -> tuple[Maps, Maps]:
+def _maps(pictures: Pictures, mask: NDArray[np.uint8], eyes: Floats, turns: Floats) -> tuple[Maps, Maps]:
     """Return logarithms of codes on the floor less their means around (k, n, n), and 1 where most frames show it."""
-    import cv2
-
     cells = (np.arange(_CELLS) / _CELLS - 0.5) * _SIDE
     x, z = np.meshgrid(cells + np.median(eyes[:, 0]), cells + np.median(eyes[:, 2]))
     maps, weights = [], []
@@ -132,19 +126,16 @@ def _maps(
         away = np.stack([x - eye[0], np.full_like(x, -eye[1]), z - eye[2]], axis=-1)
         column, row = frame_from_direction(away @ turn, *picture.shape[::-1])
         at = np.stack([column - 0.5, row - 0.5], axis=-1).astype(np.float32)
-        codes = np.log(picture.astype(np.float32) + 2.0)
-        seen = cv2.remap(codes, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-        free = cv2.remap(mask, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        both = np.dstack([np.log(picture + 2.0), mask]).astype(np.float32)
+        seen, free = cv2.split(cv2.remap(both, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
         near = np.hypot(away[..., 0], away[..., 2]) < _RADIUS
-        weights.append((near & (free == 255)).astype(np.float32))
+        weights.append((near & (free > 254.0)).astype(np.float32))
         maps.append(_finer(seen, weights[-1], _COARSE))
     return np.array(maps), (np.mean(weights, axis=0) > 0.5).astype(np.float32)
 
 
 def _finer(picture: Maps, weight: Maps, size: float) -> Maps:
     """Return a map less its weighted mean around, over a standard deviation of `size` cells, times the weight."""
-    import cv2
-
     blurred, near = (cv2.GaussianBlur(one, (0, 0), size) for one in (picture * weight, weight))
     return np.asarray((picture - blurred / np.maximum(near, 1e-3)) * weight)
 
@@ -154,8 +145,6 @@ def _drift(spectra: NDArray[np.complex128], time_s: Floats) -> tuple[Floats, flo
 
     Correlations are of phases alone, where frequencies stand out of the noise (Kuglin & Hines 1975).
     """
-    import cv2
-
     # Add up the correlations of all pairs, each at the way that a drift makes in its time
     power = np.sqrt(np.mean(np.abs(spectra) ** 2, axis=0))
     white = spectra / np.maximum(power, 0.05 * power.max() + 1e-12)
@@ -164,8 +153,7 @@ def _drift(spectra: NDArray[np.complex128], time_s: Floats) -> tuple[Floats, flo
     for i, j in zip(*np.nonzero(time_s - time_s[:, None] >= CALM_S), strict=True):
         found = np.fft.fftshift(np.fft.irfft2(white[i].conj() * white[j])).astype(np.float32)
         way = (speed * (time_s[j] - time_s[i]) * _CELLS / _SIDE + 0.5 * _CELLS).astype(np.float32)
-        x, y = np.meshgrid(way, way)
-        total += cv2.remap(found, x, y, cv2.INTER_LINEAR)
+        total += cv2.remap(found, np.dstack(np.meshgrid(way, way)), None, cv2.INTER_LINEAR)
     # Take the highest but for what stands still
     total -= np.median(total)
     peaks = np.where(np.hypot(speed, speed[:, None]) < _APART, 0.0, total)

@@ -13,7 +13,7 @@ import mr360uw as uw
 from benchmarks.tracks import RATE, Clip, slips
 from mr360uw.base.sphere import directions
 from mr360uw.sample.dive import record
-from mr360uw.track.drifting_light import drifting_layer
+from mr360uw.track.drifting_light import drifting_layer, drifting_light
 from mr360uw.track.tracking import report_lines, verdict
 
 WIDTH, TIMES = 512, np.arange(12) / 6.0
@@ -82,6 +82,19 @@ def test_two_levels_of_a_floor_are_no_drift(rng: np.random.Generator) -> None:
     """By parallax the upper one drifts evenly, against the way of the camera."""
     albedo, raised = 1.0 + 0.2 * smooth(rng, 1.0), (smooth(rng, 24.0) > 0.5).astype(np.float64)
     assert layer(seen(albedo, [np.ones((512, 512))] * 12, raised))[1] == np.inf
+
+
+def test_what_cannot_be_told_from_the_floor_is_doubted(rng: np.random.Generator, tmp_path: Path) -> None:
+    """Of two patterns that are alike, either may be the light: the path stays, and may have been carried along."""
+    pictures = seen(1.0 + 0.2 * smooth(rng, 1.0), [1.0 + 0.2 * smooth(rng, 1.0)] * 12)
+    paths = tuple(tmp_path / f"{k}.png" for k in range(13))
+    for path, picture in zip(paths, [*pictures, np.full(pictures[0].shape, 255, np.uint8)], strict=True):
+        cv2.imwrite(str(path), picture)
+    points = np.insert(rng.uniform(-2.0, 2.0, (200, 2)), 1, 0.0, axis=1)
+    away, unsure, drifts = drifting_light(paths[:12], paths[12], np.arange(12), TIMES, (EYES, TURNS), points)
+    assert not away.any()
+    assert not drifts
+    np.testing.assert_allclose(unsure, np.insert(np.outer(TIMES, DRIFT), 1, 0.0, axis=1), atol=0.02)
 
 
 def test_a_path_that_light_carried_along_is_freed(tmp_path: Path) -> None:
