@@ -53,13 +53,9 @@ def without_riding(
         (i, j): np.linalg.norm(directions[i][pair[:, 0]] - directions[j][pair[:, 1]], axis=1) / pixel_rad
         for (i, j), pair in matches.items()
     }
-    moves = np.zeros(len(directions), bool)  # between a key frame and the next
-    seen = 0
-    for (i, j), pixels in motion.items():
-        if j == i + 1:
-            seen += 1
-            moves[i] = _moves(pixels[pixels < _WRONG / pixel_rad])
-    if 2 * np.count_nonzero(moves) < max(seen, 1):
+    near = {i: pixels[pixels < _WRONG / pixel_rad] for (i, j), pixels in motion.items() if j == i + 1}
+    moves = np.array([i in near and _moves(near[i]) for i in range(len(directions))])  # to the next key frame
+    if 2 * np.count_nonzero(moves) < max(len(near), 1):
         return dict(matches)
     return {(i, j): pair[motion[i, j] >= _STATIC_PX] if moves[i:j].any() else pair for (i, j), pair in matches.items()}
 
@@ -67,9 +63,8 @@ def without_riding(
 def _moves(motion_px: Floats) -> bool:
     """Return whether enough features move far enough between two key frames for a camera that moves."""
     moving = motion_px[motion_px >= _STATIC_PX]
-    if len(moving) < max(_LEAST_MOVING, _MOVING_SHARE * len(motion_px)):
-        return False
-    return float(np.median(moving)) >= _LEAST_MOTION_PX
+    enough = len(moving) >= max(_LEAST_MOVING, _MOVING_SHARE * len(motion_px))
+    return enough and float(np.median(moving)) >= _LEAST_MOTION_PX
 
 
 _FEATURES = 6000

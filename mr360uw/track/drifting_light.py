@@ -26,26 +26,29 @@ Maps = NDArray[np.float32]
 Pictures = Sequence[NDArray[np.uint8]]
 _CELLS, _SIDE, _RADIUS = 256, 6.0, 2.0
 """Side of the maps of the floor [cells], the same in heights of the camera, and radius of what a frame shows of it:
-farther out, pixels are longer than three cells."""
+farther out, pixels of a panorama 768 wide are longer than two cells."""
 _LEAST, _MOST = 4, 16
-"""Fewest and most frames that are compared. Twice as many take four times as long and find the same."""
+"""Fewest and most frames that are compared: pairs of 16 in two seconds tell a drift to 1 cm/s in 0.2 s."""
 _SPAN_S = 2.0
 """Time over which a drift is taken for even; longer clips are parted."""
 _FINE, _COARSE = 0.5, 6.0
-"""Standard deviations [cells] of blurs: finer than the first counts as fine, coarser than the second is left out."""
+"""Standard deviations [cells] of blurs: finer than the first counts as fine, coarser than the second is left out. Fine
+twice as large: the layers differ by a third less."""
 _FASTEST, _SPEEDS, _APART = 0.45, 201, 0.035
 """Fastest drift [heights/s] that is looked for, number of speeds along each axis, and slowest drift that is told from
 none: three cells in two seconds."""
-_LASTS = 10.0
-"""Least peak of the correlation, over its robust deviation, of a layer that lasts. Rigid patterns have 24 to 190, light
-that evolves 2 to 3."""
+_LASTS, _CLEAR = 10.0, 37.0
+"""Least peak of the correlation, over its robust deviation, of a layer that lasts, and of one that counts as slip
+though it is not told which is light. It is 22 to 90 where a path holds the floor still, 59 to 190 where it follows a
+rigid pattern; 2 to 3 under light that evolves, or 24 among boulders."""
 _OVERLAP, _NEAR = 0.42, 4.0
 """Least fraction of the texture of both layers that is at the same places, within a blur of so many cells. Light and
-albedo have 0.5 to 0.8; two levels of a floor, whose parallax looks like a drift, 0.24 to 0.33."""
+albedo have 0.47 to 0.79; boulders and two levels of a floor, whose parallax looks like a drift, 0.24 to 0.37."""
 _SURE = 0.7
 """Least difference of both layers that tells which is light: half of the least that was found, 1.4 to 3.2."""
 _SAME = 0.1
-"""Fraction of the power of a frequency below which the layers cannot be parted, as it hardly moves."""
+"""Fraction of a frequency's power added where it hardly moves, so that the layers cannot be parted there. Three times
+as large: they differ by up to a tenth more or less."""
 
 
 def drifting_light(
@@ -76,10 +79,11 @@ def drifting_light(
             continue
         pictures = [np.asarray(cv2.imread(str(paths[k]), cv2.IMREAD_GRAYSCALE)) for k in some]
         drift, light = drifting_layer(pictures, shown, at[some], eyes[some], turns[some])
-        # A path that holds the light still is carried along as fast as the albedo drifts in it
+        # A path that holds the light still is carried along as fast as the albedo drifts in it, known to half a cell
         drifts |= _SURE <= light < np.inf
         if light < _SURE:
-            speeds[int(light > -_SURE), n] = height * drift @ turn[::2]
+            freed, error = light <= -_SURE, 0.5 * _SIDE / _CELLS / (end - begin) / np.linalg.norm(drift)
+            speeds[:, n] = np.outer([freed, error if freed else 1.0], height * drift @ turn[::2])
     ways = np.cumsum(speeds * (edges[1] - edges[0]), axis=1)
     away, unsure = (np.column_stack([np.interp(time_s, edges, one) for one in way.T]) for way in ways)
     return away, unsure, drifts
@@ -113,7 +117,8 @@ def drifting_layer(
         return drift, np.inf
     skew = np.sum(layers**3, axis=(1, 2)) / power**1.5 * np.sqrt(shown.sum())
     fine = np.log([float(np.sum(_finer(one, shown, _FINE) ** 2)) for one in layers] / power)
-    return drift, float(skew[1] - skew[0] + fine[0] - fine[1])
+    light = float(skew[1] - skew[0] + fine[0] - fine[1])
+    return drift, light if abs(light) >= _SURE or contrast >= _CLEAR else np.inf
 
 
 def _maps(pictures: Pictures, mask: NDArray[np.uint8], eyes: Floats, turns: Floats) -> tuple[Maps, Maps]:

@@ -9,6 +9,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import NdBSpline, RegularGridInterpolator
+from scipy.linalg import solveh_banded
+from scipy.ndimage import gaussian_filter
+from scipy.sparse import diags, identity, kron, triu
+from scipy.spatial import cKDTree
 
 from mr360uw.base.files import check_outputs, write_whole
 from mr360uw.base.input_files import json_of, read_text
@@ -33,8 +38,6 @@ def _floor_points(track: CameraTrack | str | Path) -> tuple[Floats, Floats, floa
     With them the inverse variances (n,) of their heights, 1 straight below the camera, and the median height [m] of the
     nearest camera over a point.
     """
-    from scipy.spatial import cKDTree
-
     where, camera, point, error_px = _read(track)
     if not len(point):
         raise ParameterError(
@@ -153,8 +156,6 @@ class FloorMesh:
 
     def height_at(self, x_m: Floats, z_m: Floats) -> Floats:
         """Return heights [m] at places on the floor, NaN beyond its end."""
-        from scipy.interpolate import RegularGridInterpolator
-
         look = RegularGridInterpolator((self.z_m, self.x_m), self.height_m, bounds_error=False)
         return np.asarray(look(np.stack(np.broadcast_arrays(z_m, x_m), axis=-1)))
 
@@ -324,8 +325,6 @@ class _Sheets:
 
     def relaxed(self, stiffness: float) -> Floats:
         """Return the heights of the nodes, flat, at a stiffness."""
-        from scipy.sparse import identity
-
         height = np.zeros(self._at.shape[1])
         smooth = stiffness * self._bend + _PULL * min(stiffness, 1.0) * identity(len(height))
         for _ in range(_ROUNDS):
@@ -340,9 +339,6 @@ class _Sheets:
 
 def _solved(matrix: Any, right: Floats) -> Floats:
     """Return the solution of a banded symmetric positive definite system."""
-    from scipy.linalg import solveh_banded
-    from scipy.sparse import triu
-
     upper = triu(matrix).todia()
     bands = np.zeros((int(upper.offsets.max()) + 1, len(right)))
     bands[-1 - upper.offsets] = upper.data
@@ -351,8 +347,6 @@ def _solved(matrix: Any, right: Floats) -> Floats:
 
 def _bilinear(x_m: Floats, z_m: Floats, x: Floats, z: Floats) -> Any:
     """Return the sparse matrix (n, r c) of bilinear interpolation at points inside of the grid."""
-    from scipy.interpolate import NdBSpline
-
     knots = tuple(np.pad(nodes, 1, mode="edge") for nodes in (z_m, x_m))
     at: Any = NdBSpline.design_matrix(np.stack([z, x], axis=1), knots, 1)
     at.resize(len(x), len(x_m) * len(z_m))  # it leaves out the last nodes where no point is near them
@@ -361,21 +355,17 @@ def _bilinear(x_m: Floats, z_m: Floats, x: Floats, z: Floats) -> Any:
 
 def _bending(rows: int, columns: int) -> Any:
     """Return the matrix (r c, r c) of the thin-plate energy: h_xx^2 + 2 h_xz^2 + h_zz^2 in units of cells."""
-    from scipy.sparse import diags, identity, kron
 
-    def second(n: int) -> Any:
-        return diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(n - 2, n))
+    def difference(n: int, *taps: float) -> Any:
+        return diags(taps, range(len(taps)), shape=(n - len(taps) + 1, n))
 
-    def first(n: int) -> Any:
-        return diags([-1.0, 1.0], [0, 1], shape=(n - 1, n))
-
-    across, along = kron(identity(rows), second(columns)), kron(second(rows), identity(columns))
-    twist = kron(first(rows), first(columns))
+    second, first = (1.0, -2.0, 1.0), (-1.0, 1.0)
+    across = kron(identity(rows), difference(columns, *second))
+    along = kron(difference(rows, *second), identity(columns))
+    twist = kron(difference(rows, *first), difference(columns, *first))
     return (across.T @ across + along.T @ along + 2.0 * twist.T @ twist).tocsr()
 
 
 def _support(at: Any, weight: Floats, shape: tuple[int, int]) -> Floats:
     """Return the weighted number of points about each node, (r, c): Gaussian of one cell, 1 in the middle."""
-    from scipy.ndimage import gaussian_filter
-
     return np.asarray(2.0 * np.pi * gaussian_filter((at.T @ weight).reshape(shape), 1.0, mode="constant"))

@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,8 +42,6 @@ def fixed_pixels(pictures: Iterable[NDArray[np.uint8]]) -> NDArray[np.bool_]:
 
     Nowhere if most of the picture stands still; nothing, (0, 0), for fewer than six pictures.
     """
-    import cv2
-
     count, total, squares = 0, np.zeros(()), np.zeros(())
     for picture in pictures:
         count, total, squares = count + 1, total + picture, squares + np.square(picture, dtype=np.float64)
@@ -74,8 +73,6 @@ _NOISE_CODES = 4.0
 
 def thumbnail(grey: NDArray[np.uint8]) -> Floats:
     """Return a picture's (16, 32) means over blocks, less their mean, over their standard deviation."""
-    import cv2
-
     small = np.asarray(cv2.resize(grey, _SIZE, interpolation=cv2.INTER_AREA), np.float64)
     return np.asarray((small - small.mean()) / (small.std() + _NOISE_CODES))
 
@@ -156,8 +153,6 @@ class Reading:
 
 def grey_picture(frame: VideoFrame) -> Grey:
     """Return the luma codes of a frame, (H, W) uint8, at most `WIDTH` wide."""
-    import cv2
-
     grey = luma_codes(frame)
     if grey.shape[1] <= WIDTH:
         return grey
@@ -178,8 +173,6 @@ class _Motion:
     """Follows corners since the last key frame, in small pictures."""
 
     def __init__(self, small: Grey) -> None:
-        import cv2
-
         self._last = small
         found = cv2.goodFeaturesToTrack(small, _CORNERS, 0.01, 8)
         self.start = np.zeros((0, 1, 2), np.float32) if found is None else found
@@ -187,8 +180,6 @@ class _Motion:
 
     def is_key(self, small: Grey) -> bool:
         """Follow the corners into the next picture; return whether they moved far enough or are lost."""
-        import cv2
-
         if not self._alive.any():
             return True
         self._now, found, _ = cv2.calcOpticalFlowPyrLK(self._last, small, self._now, self._now.copy())
@@ -225,8 +216,6 @@ def read_key_frames(video: VideoReader, folder: Path, steps: Steps) -> Reading:
 
 
 def _read(video: VideoReader, count: int, folder: Path, steps: Steps) -> Reading:
-    import cv2
-
     # Keep a first picture, some spread evenly, and those that the motion asks for
     every = set(np.linspace(0, count - 1, min(count, _LEAST_KEYS)).astype(int).tolist())
     keys, times, thumbnails, motion = [], [], [], None
@@ -254,8 +243,6 @@ def _read(video: VideoReader, count: int, folder: Path, steps: Steps) -> Reading
 
 
 def _small(grey: Grey) -> Grey:
-    import cv2
-
     scale = min(1.0, _FLOW_WIDTH / grey.shape[1])
     return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
@@ -267,8 +254,6 @@ def _key_path(folder: Path, index: int) -> Path:
 
 def key_frames_of_shot(reading: Reading, folder: Path, start: int, stop: int, where: str) -> KeyFrames:
     """Return the key frames of the frames start <= index < stop; raise `ParameterError`, as of `where`, if too few."""
-    import cv2
-
     if stop - start < _LEAST_FRAMES:
         raise ParameterError(f"{where} - is too short (got {stop - start} frames) - give at least {_LEAST_FRAMES}")
 

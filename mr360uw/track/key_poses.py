@@ -14,8 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial.transform import Rotation, Slerp
 
 from mr360uw.base.progress import Steps
 from mr360uw.base.sphere import direction_from_frame, frame_from_direction
@@ -73,8 +76,6 @@ def resect(
     position, rotation: start. Far landmarks leave the position as it is. scale_rad: residual at which a weight is
     half.
     """
-    from scipy.spatial.transform import Rotation
-
     if len(observed) < _LEAST_FEATURES:
         return None
     for _ in range(_STEPS):
@@ -121,8 +122,6 @@ def follow(
 
     key, grey: both frames (H, W), uint8. position, rotation: pose of the other frame, as interpolated.
     """
-    import cv2
-
     height, width = grey.shape
     x, y = frame_from_direction(predicted(landmarks, position, rotation), width, height)
     start = np.stack([x, y], axis=1)
@@ -151,8 +150,6 @@ def solve_between(
     clip: VideoReader, keys: KeyFrames, poses: KeyPoses, steps: Steps
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return positions, rotations and residuals [px] of all frames, and the directions that were observed."""
-    import cv2
-
     # Interpolate the poses of key frames; that is all for a camera that stands still
     position, rotation = _interpolated(keys.time_s, poses)
     residual = np.full(len(keys.time_s), np.nan)
@@ -184,9 +181,6 @@ def solve_between(
 
 def _interpolated(time_s: Floats, poses: KeyPoses) -> tuple[Floats, Floats]:
     """Return positions by a monotone cubic and rotations by slerp at all times, at rest beyond the solved keys."""
-    from scipy.interpolate import PchipInterpolator
-    from scipy.spatial.transform import Rotation, Slerp
-
     at = time_s[poses.index]
     clamped = np.clip(time_s, at[0], at[-1])
     position = np.asarray(PchipInterpolator(at, poses.position)(clamped))
@@ -265,8 +259,6 @@ def solve_key_frames(
 
 def _mask(keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, *, mask_only: bool) -> Path:
     """Write a picture that is black where nothing is tracked into a folder; return its file."""
-    import cv2
-
     mask = keys.fixed.copy() if keys.fixed.size and not mask_only else np.zeros((keys.height, keys.width), bool)
     if left_out is not None:
         size = (keys.width, keys.height)

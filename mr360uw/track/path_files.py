@@ -17,6 +17,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from mr360uw.base.files import check_outputs, write_whole
 from mr360uw.base.input_files import json_of, read_text
@@ -91,8 +92,6 @@ def read_solved_path(path: Path) -> SolvedPath:
 
 def nuke_chan(track: CameraTrack, frame_rate: float) -> str:
     """Return a track as Nuke's .chan: frame (from 1), x, y, z, degrees about x, y, z; z turns first, then x, then y."""
-    from scipy.spatial.transform import Rotation
-
     z, x, y = Rotation.from_matrix(track.rotation).as_euler("zxy", degrees=True).T
     frame = 1.0 + np.round(track.time_s * frame_rate)
     rows = np.column_stack([frame, track.position, x, y, z])
@@ -272,8 +271,6 @@ def _frame_number(name: str, where: str) -> float:
 
 def rotations(quaternion: Floats, where: str) -> Floats:
     """Return rotations (n, 3, 3) of quaternions (n, 4), x, y, z, w; raise `ParameterError` unless of length 1."""
-    from scipy.spatial.transform import Rotation
-
     check_unit_quaternions(quaternion, where)
     return np.asarray(Rotation.from_quat(quaternion).as_matrix()) if len(quaternion) else np.zeros((0, 3, 3))
 
@@ -334,8 +331,6 @@ def _of_blender(frame: Floats, position: Floats, rotation: Floats, rate: float |
 
 def _of_angles(values: Floats) -> SolvedPath:
     """Return the path of rows (n, 7 or more): frame, position, angles [deg] about x, y, z."""
-    from scipy.spatial.transform import Rotation
-
     # extrinsic: about the fixed axes z, then x, then y
     rotation = np.asarray(Rotation.from_euler("zxy", values[:, [6, 4, 5]], degrees=True).as_matrix())
     return SolvedPath("Nuke or SynthEyes path", values[:, 1:4], rotation, frame=values[:, 0], up=_UP)

@@ -8,7 +8,7 @@ are seen again are the floor's; a pattern that drifts without changing is seen a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -119,17 +119,19 @@ _BEARINGS, _BELOW = np.radians(np.linspace(-45.0, 45.0, 7)), 0.4
 """Bearings [rad] of the points that are placed, from ahead, and sine of their depression: 2 m below in 5 m."""
 
 
-def predicted_slip(path: Poses, others: Sequence[Poses], distance: float, *, pulled: bool = False) -> float:
+def predicted_slip(
+    path: Poses, others: Sequence[Poses], distance: float, choice: Callable[[Floats], np.floating[Any]] = np.median
+) -> float:
     """Return how far what is placed at a distance by a path is expected to slip, rms.
 
     others: paths of `settled_scenes`. It is the median of three measures: how far things slip between the path and the
     mapped one, between the path and that of coarse features, and half as far as they do between the halves', which is
     the standard error. Light that drifts moves the first two; the median leaves out a mapped path that was far off.
-    pulled: a pattern drifts over the floor without changing, and moves all of them: it is the largest.
+    choice: takes another than the median.
     """
     mapped, coarse, half, rest = others
     apart = [slip_between(*pair, distance) for pair in ((path, mapped), (path, coarse), (half, rest))]
-    return float((np.max if pulled else np.median)([apart[0], apart[1], 0.5 * apart[2]]))
+    return float(choice(np.array([apart[0], apart[1], 0.5 * apart[2]])))
 
 
 def slip_between(one: Poses, other: Poses, distance: float) -> float:

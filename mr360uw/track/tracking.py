@@ -158,11 +158,8 @@ def track_shots(
                 own = folder / f"shot{start:08d}"
                 own.mkdir(exist_ok=True)
                 level = None if stated is None else (stated[0][start:stop], stated[1])
-                shots.append(
-                    TrackedShot(
-                        start, stop, _solved(where, clip, keys, (left_out, mask_only), own, steps, level, measure)
-                    )
-                )
+                track = _solved(where, clip, keys, (left_out, mask_only), own, steps, level, measure)
+                shots.append(TrackedShot(start, stop, track))
             except ParameterError as error:
                 if len(reading.shots) == 1:
                     raise
@@ -240,20 +237,19 @@ def _in_world(
     """Return the track of all frames in the world's axes."""
     residual, observed = frames[2:]
     position, rotation, points = world.place(frames[0]), world.rotation @ frames[1], world.place(poses.points)
-    slip, feature = poses.held_out
+    (slip, feature), slip_m = poses.held_out, None
     # Free the path from light that carried it along, and predict its slip
-    shown, slip_m = (poses.paths, mask, poses.index, keys.time_s), None
-    away, unsure, drifts = drifting_light(*shown, (position, rotation), points)
+    away, unsure, drifts = drifting_light(poses.paths, mask, poses.index, keys.time_s, (position, rotation), points)
     position = position - away
     if poses.others:
         own = poses.position, poses.rotation
-        predicted = predicted_slip(own, poses.others, _DISTANCE_M / world.scale, pulled=drifts)
+        # Light that drifts pulls all measures; where it made them, the floor does, and the path is as good as the least
+        choice = np.min if away.any() else np.max if drifts else np.median
+        predicted = world.scale * predicted_slip(own, poses.others, _DISTANCE_M / world.scale, choice)
         # Two paths of which one drifts along differ by that between all pairs of frames
-        slip_m = max(world.scale * predicted, float(np.sqrt(2.0) * np.linalg.norm(unsure.std(axis=0))))
-    cell = np.floor(np.stack([
-        12.0 * (np.arctan2(observed[:, 0], -observed[:, 2]) / (2.0 * np.pi) + 0.5), 6.0 * (0.5 - 0.5 * observed[:, 1])
-    ])).astype(int)  # fmt: skip
-    coverage = len(np.unique(np.clip(cell[0], 0, 11) * 6 + np.clip(cell[1], 0, 5))) / 72.0
+        slip_m = float(np.hypot(predicted, np.sqrt(2.0) * np.linalg.norm(unsure.std(axis=0))))
+    column = np.floor(12.0 * (np.arctan2(observed[:, 0], -observed[:, 2]) / (2.0 * np.pi) + 0.5)).clip(0, 11)
+    coverage = len(np.unique(6.0 * column + np.floor(3.0 - 3.0 * observed[:, 1]).clip(0, 5))) / 72.0
     return CameraTrack(
         poses.kind, keys.time_s, position, rotation, residual, residual * 360.0 / keys.width, poses.index, points,
         poses.error_px, coverage, keys.width,
@@ -298,7 +294,7 @@ _GOOD_SHARE, _USABLE_SHARE = 0.9, 0.6
 """Least share of frames that were solved rather than interpolated."""
 _GOOD_AGREED, _USABLE_AGREED = 0.8, 0.75
 """Least share of what is seen again that fits the path. Of paths that light made over textured floors it is 0.1 to
-0.79, and things slip by 14 to 38 % of their length, whatever is predicted; of paths by the floor 0.5 to 0.98."""
+0.79, as of all before they are freed from it; of paths by the floor 0.5 to 0.98."""
 _GOOD_SLIP, _USABLE_SLIP = 0.015, 0.05
 """Largest predicted slip over the length of the path. The true one may be twice as large."""
 _FAR = 50.0
@@ -314,21 +310,16 @@ def verdict(track: CameraTrack) -> str:
     """Return one line that says how good a track is."""
     solved = np.isfinite(track.residual_px)
     share, residual = float(np.mean(solved)), float(np.nanmedian(track.residual_px))
-    word = "doubtful"
     agreed = 1.0 if track.agreed is None else track.agreed
     slips = 0.0 if track.slip_m is None else track.slip_m / max(_length_m(track), 1e-9)
-    if residual <= _USABLE_PX and share >= _USABLE_SHARE and agreed >= _USABLE_AGREED and slips <= _USABLE_SLIP:
-        word = "usable"
-    sure = agreed >= _GOOD_AGREED and not track.light_m
-    if residual <= _GOOD_PX and share >= _GOOD_SHARE and sure and slips <= _GOOD_SLIP:
-        word = "good"
-    if len(track.points) and np.ptp(track.position, axis=0).max() > _FAR * np.median(
-        np.linalg.norm(track.points - track.position[0], axis=1)
-    ):
-        word = "doubtful"  # a path that leaves its own points behind
-    slip_m = track.slip_m
-    if slip_m is None:
-        slip_m = _DISTANCE_M * float(np.radians(np.nanmedian(track.residual_deg)))
+    usable = residual <= _USABLE_PX and share >= _USABLE_SHARE and agreed >= _USABLE_AGREED and slips <= _USABLE_SLIP
+    good = residual <= _GOOD_PX and share >= _GOOD_SHARE and agreed >= _GOOD_AGREED and slips <= _GOOD_SLIP
+    # A path that leaves its own points behind is doubtful, and one that was freed from light is not good
+    away = np.linalg.norm(track.points - track.position[0], axis=1)
+    lost = len(away) and np.ptp(track.position, axis=0).max() > _FAR * np.median(away)
+    word = "doubtful" if lost or not usable else "good" if good and not track.light_m else "usable"
+    least_m = _DISTANCE_M * float(np.radians(np.nanmedian(track.residual_deg)))
+    slip_m = least_m if track.slip_m is None else track.slip_m
     return (
         f"{word}: objects stay in place to {100.0 * slip_m:.1f} cm at {_DISTANCE_M:g} m"
         f"{', at best' if agreed < _USABLE_AGREED else ''}; "
@@ -353,9 +344,8 @@ def report_lines(track: CameraTrack) -> list[str]:
             f"light     drifts over the floor and had carried the path off by {track.light_m:.2f} m: taken out"
         )
     if track.held_out_px is not None:
-        ground = ""
-        if track.slip_px is not None:
-            ground = f"the ground slips by {track.slip_px:.2f} px (worst key frame {track.worst_slip_px:.2f}), "
+        worst = f"(worst key frame {track.worst_slip_px or 0.0:.2f})"
+        ground = "" if track.slip_px is None else f"the ground slips by {track.slip_px:.2f} px {worst}, "
         lines.append(
             f"held out  {ground}single features by {track.held_out_px:.2f} px, in key frames that did not place them; "
             f"px of a panorama {WIDTH} wide"
@@ -363,8 +353,7 @@ def report_lines(track: CameraTrack) -> list[str]:
     lines += [f"up        {track.up}", f"scale     {track.scale}"]
     if track.depth_m is not None:
         lines.append(f"depth     [camera] depth_m = {track.depth_m:.2f}")
-    if track.floor is not None:
-        floor = track.floor
+    if (floor := track.floor) is not None:
         lines.append(
             f"floor     [receiver] height_m = {floor.height_m:.2f}   # tilt {floor.tilt_deg:.1f} degrees; "
             f"{floor.points} points, {100.0 * floor.support:.0f} % of those below the camera"
