@@ -8,7 +8,7 @@ are seen again are the floor's; a pattern that drifts without changing is seen a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -119,15 +119,13 @@ _BEARINGS, _BELOW = np.radians(np.linspace(-45.0, 45.0, 7)), 0.4
 """Bearings [rad] of the points that are placed, from ahead, and sine of their depression: 2 m below in 5 m."""
 
 
-def predicted_slip(
-    path: Poses, others: Sequence[Poses], distance: float, choice: Callable[[Floats], np.floating[Any]] = np.median
-) -> float:
+def predicted_slip(path: Poses, others: Sequence[Poses], distance: float, choice: Any = np.median) -> float:
     """Return how far what is placed at a distance by a path is expected to slip, rms.
 
     others: paths of `settled_scenes`. It is the median of three measures: how far things slip between the path and the
     mapped one, between the path and that of coarse features, and half as far as they do between the halves', which is
     the standard error. Light that drifts moves the first two; the median leaves out a mapped path that was far off.
-    choice: takes another than the median.
+    choice: function of the array of measures that takes another than the median.
     """
     mapped, coarse, half, rest = others
     apart = [slip_between(*pair, distance) for pair in ((path, mapped), (path, coarse), (half, rest))]

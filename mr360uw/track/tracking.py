@@ -108,8 +108,7 @@ def track_camera(
     ...     print(type(error).__name__)
     Mr360uwError
     """
-    if height_m is not None:
-        measure = Measure(height_m=height_m)
+    measure = measure if height_m is None else Measure(height_m=height_m)
     found = track_shots(
         video, measure=measure, mask=mask, eye=eye, mask_only=mask_only, keep=keep, progress=progress, whole=True
     )[0].track
@@ -134,14 +133,13 @@ def track_shots(
     """
     # Check what is asked for before the clip is read
     load_colmap()
-    measure = Measure() if measure is None else measure
     if keep is not None:
         check_work_folder(Path(keep))
     with open_video(video, eye=eye) as clip:
         left_out = None if mask is None else _read_mask(Path(mask), clip)
     with open_video(video, eye=eye) as clip, _folder(video, mask, (eye, mask_only), keep) as folder:
         # Read the clip once: key frames of each shot, and its cuts
-        measure = replace(measure, frame_width=clip.width)
+        measure = replace(measure or Measure(), frame_width=clip.width)
         steps = Steps(progress, (clip.frame_count or 0) * (1 + BETWEEN))
         (folder / "keys").mkdir(exist_ok=True)
         reading = read_key_frames(clip, folder / "keys", steps)
@@ -318,8 +316,7 @@ def verdict(track: CameraTrack) -> str:
     away = np.linalg.norm(track.points - track.position[0], axis=1)
     lost = len(away) and np.ptp(track.position, axis=0).max() > _FAR * np.median(away)
     word = "doubtful" if lost or not usable else "good" if good and not track.light_m else "usable"
-    least_m = _DISTANCE_M * float(np.radians(np.nanmedian(track.residual_deg)))
-    slip_m = least_m if track.slip_m is None else track.slip_m
+    slip_m = _DISTANCE_M * np.radians(np.nanmedian(track.residual_deg)) if track.slip_m is None else track.slip_m
     return (
         f"{word}: objects stay in place to {100.0 * slip_m:.1f} cm at {_DISTANCE_M:g} m"
         f"{', at best' if agreed < _USABLE_AGREED else ''}; "
