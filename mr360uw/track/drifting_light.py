@@ -148,7 +148,7 @@ def _finer(picture: Maps, weight: Maps, size: float) -> Maps:
 def _drift(spectra: NDArray[np.complex128], time_s: Floats) -> tuple[Floats, float]:
     """Return the drift (2,) [heights/s] at which maps half a second and more apart correlate best, and its contrast.
 
-    Correlations are of phases alone, where frequencies stand out of the noise (Kuglin & Hines 1975).
+    Correlations are of phases alone, where frequencies stand out of the noise.
     """
     # Add up the correlations of all pairs, each at the way that a drift makes in its time
     power = np.sqrt(np.mean(np.abs(spectra) ** 2, axis=0))
