@@ -391,7 +391,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("track/slip.py", "0.5 * apart[2]]", "apart[2]]", "track/test_slip.py"),
     ("track/drifting_light.py", "fine[0] - fine[1]", "fine[1] - fine[0]", "track/test_drifting_light.py"),
     ("track/drifting_light.py", "< _OVERLAP:", "< 0.0:", "track/test_drifting_light.py"),
-    ("track/drifting_light.py", "light > -_SURE", "light > _SURE", "track/test_drifting_light.py"),
+    ("track/drifting_light.py", "light <= -_SURE", "light <= _SURE", "track/test_drifting_light.py"),
     ("composite/water_blur.py", "np.float32(weight[k] * cosine[row] / total)", "np.float32(weight[k] / total)",
      "composite/test_water_blur.py"),
     ("composite/water_blur.py", "[(fraction * change)[of] for", "[change[of] for", "composite/test_water_blur.py"),
