@@ -51,6 +51,17 @@ def test_gravity_goes_before_the_floor(rng: np.random.Generator) -> None:
     assert world.floor.tilt_deg == pytest.approx(np.degrees(0.05), abs=0.1)  # as above
 
 
+def test_a_slope_of_rocks_with_more_points_than_the_floor_below_it_is_no_floor(rng: np.random.Generator) -> None:
+    floor = np.column_stack([rng.uniform(-4.0, 4.0, 120), rng.normal(-2.0, 0.02, 120), rng.uniform(-4.0, 4.0, 120)])
+    rocks = np.column_stack([rng.uniform(1.0, 4.0, 400), rng.normal(0.0, 0.05, 400), rng.uniform(-4.0, 4.0, 400)])
+    rocks[:, 1] += 0.3 * rocks[:, 0] - 2.0
+    found = fit_floor(np.concatenate([floor, rocks]), np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    assert found is not None
+    # ripples of 2 cm over 120 points 8 m wide: 2 mm and .05 degree; the slope is tilted by 17
+    assert -found[1] == pytest.approx(2.0, abs=0.01)
+    assert found[0][1] > np.cos(np.radians(0.5))
+
+
 def test_scattered_points_are_no_floor(rng: np.random.Generator) -> None:
     position, rotation, _ = scene(rng)
     points = rng.normal(size=(400, 3)) + position[0]
