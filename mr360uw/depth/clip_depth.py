@@ -31,7 +31,7 @@ from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.video import VideoReader, open_video
 
-_METHOD = "distances 3"
+_METHOD = "distances 4"
 """Names how maps are found; another number where that changes, so that maps of before are not kept."""
 SPAN_S = 6.0
 """Time [s] over which the neighbours of a frame are spread, with the frame in the middle where the shot allows. Half:

@@ -163,7 +163,12 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     judged = fine if every == 1 else warped
     at_judged = np.ascontiguousarray(inverse[:: width // judged.width, :: width // judged.width])
     seen = evidence(reference, neighbours, judged, at_judged, baseline)
-    sure = np.where(_of_rig(judged, at_judged, seen, baseline), np.float32(0.0), confidence(seen, len(neighbours)))
+    logit = np.tensordot(_COEFFICIENTS, seen, 1) + _FEW * np.log(min(len(neighbours) / _MANY, 1.0))
+    rig, step = _of_rig(judged, at_judged, seen, baseline), judged.width // half
+    compared = ((logit > 0.0) & ~rig)[::step, ::step]
+    error = _error_of_poses(warped, at_judged[::step, ::step], compared, baseline)
+    logit -= enlarged_map((error / np.float32(_LARGEST_ERROR)) ** 4, judged.width)
+    sure = np.where(rig, np.float32(0.0), confidence(logit))
     with np.errstate(divide="ignore"):
         metres = (np.float32(1.0) / inverse).astype(np.float32)
     return DepthMap(metres, enlarged_map(sure, width))
@@ -204,13 +209,18 @@ def _around(warped: Warped, inverse: Map, baseline_m: float, step_px: float) -> 
     """Return inverse distances (h, w) [1/m] near given ones."""
     import cv2
 
-    pixel = np.float32(step_px * 2.0 * np.pi / warped.width / baseline_m)
-    unit = pixel * (1.0 + np.square(inverse * np.float32(baseline_m)))
+    unit = _unit(warped, inverse, baseline_m, step_px)
     tried = ((inverse + np.float32(k) * unit).astype(np.float32) for k in range(-_AROUND, _AROUND + 1))
     cost = np.stack([warped.cost(one, _SIDE) for one in tried], axis=-1)
     step = _lowest(smoothed(cost, _FINE_SMALL, _FINE_LARGE))
     found = np.maximum(inverse + (step - _AROUND) * unit, 0.0).astype(np.float32)
     return np.asarray(cv2.medianBlur(found, 3), np.float32)
+
+
+def _unit(warped: Warped, inverse: Map, baseline_m: float, step_px: float) -> Map:
+    """Return the steps (h, w) [1/m] of inverse distances that are some pixels of parallax at the largest baseline."""
+    pixel = np.float32(step_px * 2.0 * np.pi / warped.width / baseline_m)
+    return np.asarray(pixel * (1.0 + np.square(inverse * np.float32(baseline_m))), np.float32)
 
 
 def _at_edges(warped: Warped, inverse: Map) -> Map:
@@ -337,6 +347,17 @@ _RIG_PX, _RIG_SIDE = 1.0, 9
 _MANY, _FEW = 32, 2.0
 """Neighbours of the dives of the regression, and what one e-th of them takes off the logit: by chance the caustics of
 few instants agree."""
+_PARTS_PX, _UNTOLD = 1.5, 0.02
+"""Step [px] by which distances of some of the neighbours are searched, and fraction of it that two differ by with exact
+poses too. 0: with exact poses a fiftieth of the confident pixels is lost at 640 columns."""
+_WIDE = 1.0 / 3.0
+"""Side of the windows in which differences are averaged, over the width. A tenth: under caustics three times as strong
+a tenth of the floor is lost with exact poses."""
+_LARGEST_ERROR = 0.006
+"""Expected relative error by wrong poses that takes one off the logit. .005: of paths .6 cm off a tenth less is used;
+.007: of one 2.6 cm off twice as much is, a tenth of it wrong."""
+_LEAST_COMPARED = 0.05
+"""Least fraction of the picture that is compared: of fewer pixels the median difference is by chance."""
 _HALF = 0.6
 """Probability that is given the confidence of a half. Higher: less is used, and more of that is right."""
 
@@ -404,15 +425,40 @@ def _of_rig(warped: Warped, inverse: Map, seen: Floats, baseline_m: float) -> ND
     return np.asarray(cv2.dilate(rig.astype(np.uint8), np.ones((_RIG_SIDE, _RIG_SIDE), np.uint8)) > 0)
 
 
-def confidence(seen: Floats, count: int) -> Map:
-    """Return confidences (H, W), 0 to 1, from evidence (12, H, W) and the number of neighbours.
+def _error_of_poses(warped: Warped, inverse: Map, sure: NDArray[np.bool_], baseline_m: float) -> Map:
+    """Return the relative errors (h, w) that inverse distances (h, w) [1/m] are expected to have by wrong poses.
+
+    Two halves of the neighbours each find their own distances: first the earlier half and the later one, which a wrong
+    pose of the frame itself shifts to opposite sides, so that their mean is nearly right; then the inner half, near to
+    the frame in time, and the outer one, which a bent path parts. The error is the geometric mean of both differences,
+    as a length across the rays that is the same for all pixels. sure: pixels that are compared.
+    """
+    if warped.count < 4 or np.mean(sure) < _LEAST_COMPARED:
+        return np.zeros_like(inverse)
+    # Warp each quarter of the neighbours by the distances, and by such a step nearer and farther
+    unit = _unit(warped, inverse, baseline_m, _PARTS_PX)
+    sums = [[part.sums(inverse + np.float32(k) * unit) for k in (-1, 0, 1)] for part in warped.parts(4)]
+    across = np.maximum(warped.parallax(np.ones_like(inverse)), np.float32(_LEAST * baseline_m))
+    step = unit * across / np.maximum(inverse, np.float32(_LEAST / baseline_m))
+    # Average the differences over wide windows, in which what caustics do to them is lost
+    side, apart = int(_WIDE * warped.width) | 1, []
+    share = np.maximum(window_mean(sure.astype(np.float32), side), np.float32(_LEAST))
+    for pair in (((0, 1), (2, 3)), ((1, 2), (0, 3))):
+        costs = [[warped.cost_of(a + b, _SIDES[1]) for a, b in zip(sums[i], sums[j], strict=True)] for i, j in pair]
+        one, other = (_lowest(np.stack(cost, axis=-1)) for cost in costs)
+        mean = window_mean(np.where(sure, (one - other) * step, np.float32(0.0)), side) / share
+        apart.append(max(np.median(np.abs(mean[sure])) - _UNTOLD * np.median(step[sure]), 0.0))
+    return np.asarray(np.sqrt(apart[0] * apart[1]) / across, np.float32)
+
+
+def confidence(logit: Map) -> Map:
+    """Return confidences (H, W), 0 to 1, from the logits (H, W) of single pixels.
 
     Pixels that are surrounded by sure ones are so too; then those within some pixels of doubtful ones are doubtful: the
     rim of a fish, whose windows hold more of what is behind it than of the fish.
     """
     import cv2
 
-    logit = np.tensordot(_COEFFICIENTS, seen, 1) + _FEW * np.log(min(count / _MANY, 1.0))
     reach = _ERODED // 2
     wide = cv2.copyMakeBorder(logit.astype(np.float32), 0, 0, reach, reach, cv2.BORDER_WRAP)
     filled = cv2.dilate(wide, np.ones((_FILLED, _FILLED), np.uint8))

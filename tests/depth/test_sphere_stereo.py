@@ -50,6 +50,19 @@ def test_confident_distances_are_right_under_strong_caustics() -> None:
     assert np.mean(error[confidence >= 0.5] < tolerances.WITHIN) > tolerances.RIGHT
 
 
+def test_distances_by_wrong_poses_get_no_confidence() -> None:
+    """A path that sways by 3 cm about the true one over 2.4 m."""
+    scene = HazyScene(seed=15, caustics=1.0)
+    reference, neighbours = panoramas(scene)
+    swaying = []
+    for k, one in zip((k for k in range(-ASIDE, ASIDE + 1) if k), neighbours, strict=True):
+        off = 0.03 * np.array([np.sin(4.0 * k / ASIDE), np.sin(5.0 * k / ASIDE + 1.0) - np.sin(1.0), 0.0])
+        swaying.append(Panorama(one.grey, one.position + off, one.rotation))
+    found = distances(reference, swaying)
+    wrong = relative_error(found.distance_m, scene.see(WIDTH, AT_S)[1]) >= tolerances.WITHIN
+    assert np.mean(wrong & (found.confidence >= 0.5)) < tolerances.WRONG_BY_POSES
+
+
 def test_the_cameras_own_rig_gets_no_confidence() -> None:
     """A mottled disc and a stick at the nadir, lit anew in every frame, of a camera that does not turn."""
     scene = HazyScene(seed=302, caustics=1.0)

@@ -11,6 +11,8 @@ RIGHT = 0.93
 """Fraction of the confident pixels that are right, at any strength of caustics; .98 at 1024 (docs/depth.md)."""
 FISH = 0.1
 """Fraction of the pixels of swimming fish that are confident at 512 columns; .03 at 1024 (docs/depth.md)."""
+WRONG_BY_POSES = 0.005
+"""Fraction of the sphere that is confident and wrong under poses 3 cm off; .04 were the poses taken for exact."""
 RIG = 0.01
 """Fraction of the camera's own rig that is confident; a tenth of it would be, were it not looked for."""
 COVERED, COVERED_THRICE = 0.93, 0.75
