@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.base.files import check_folder, files_named
 from mr360uw.base.input_files import content_of
 from mr360uw.base.parameters import checked
 from mr360uw.base.progress import Progress
 from mr360uw.depth.clip_depth import DepthReport, MapRun, map_width
-from mr360uw.depth.sphere_stereo import SURE, DepthMap, enlarged_map, smoothed
+from mr360uw.depth.sphere_stereo import SURE, DepthMap, enlarged_map, lowest, smoothed
 from mr360uw.depth.warping import Map, resized, window_mean
 from mr360uw.errors import ParameterError
 from mr360uw.jit import fast
@@ -280,14 +279,14 @@ def _disparity(own: Map, other: Map, sign: float) -> tuple[Map, Map]:
     trials = np.arange(-2, most + 2)
     rolled = (np.roll(beside, round(sign * shift), axis=1) for shift in trials)
     cost = np.stack([1.0 - _correlation(small, one, _SIDE) for one in rolled], axis=-1)
-    step, _ = _lowest(smoothed(cost, _SMALL, _LARGE))
+    step, _ = lowest(smoothed(cost, _SMALL, _LARGE))
     found = enlarged_map((step + trials[0]).astype(np.float32), width) * np.float32(width / size)
     side = 2 * round(0.5 * _FINE_RAD * width / (2.0 * np.pi)) + 1
     for pixels in _STEPS:
         offsets = pixels * np.arange(-_AROUND, _AROUND + 1)
         shifted = (_shifted(other, found + np.float32(offset), sign) for offset in offsets)
         cost = np.stack([1.0 - _correlation(own, one, side) for one in shifted], axis=-1)
-        step, best = _lowest(smoothed(cost, _FINE_SMALL, _FINE_LARGE))
+        step, best = lowest(smoothed(cost, _FINE_SMALL, _FINE_LARGE))
         found = (found + np.float32(pixels) * (step - _AROUND)).astype(np.float32)
         found = np.asarray(cv2.medianBlur(found, 3), np.float32)  # without single pixels that differ
     return found, np.asarray(1.0 - np.take_along_axis(cost, best[..., None], -1)[..., 0], np.float32)
@@ -314,11 +313,3 @@ def _correlation(one: Map, other: Map, side: int) -> Map:
         for v, m in ((one, mean_a), (other, mean_b))
     )
     return np.clip(both / (a * b), -1.0, 1.0).astype(np.float32)
-
-
-def _lowest(cost: Map) -> tuple[Map, NDArray[np.int64]]:
-    """Return the places (h, w) of the minima of costs (h, w, n) by parabolas, and the whole steps next to them."""
-    best = np.clip(cost.argmin(axis=-1), 1, cost.shape[-1] - 2)
-    before, at, after = (np.take_along_axis(cost, (best + k)[..., None], -1)[..., 0] for k in (-1, 0, 1))
-    bend = np.maximum(before - 2.0 * at + after, 1e-6)
-    return (best + np.clip(0.5 * (before - after) / bend, -1.0, 1.0)).astype(np.float32), best

@@ -148,11 +148,13 @@ def _seen_from(reference: Panorama, swept: Sweep, width: int) -> Map:
 
 def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequence[Sweep]) -> DepthMap:
     """Return the distances of a frame from sweeps of it or of frames nearby, with the frame's own neighbours."""
+    # Choose among the sweeps at half size, and refine the distances there and at full size
     baseline = _baseline(reference, neighbours)
     width = reference.grey.shape[1]
     half = max(width // 2, min(width, _SWEEP_WIDTHS[0]))
     every = max(half // _ALL_WIDTH, 1)
-    warped = Warped(reference, neighbours[::every], half)
+    some = neighbours[::every]
+    warped = Warped(reference, some, half)
     inverse = _best(warped, [_seen_from(reference, one, half) for one in sweeps])
     if half > sweeps[0][0].shape[1]:
         inverse = _at_edges(warped, inverse)
@@ -160,13 +162,15 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     fine = Warped(reference, neighbours[:: _EVERY * every], width)
     inverse = _at_edges(fine, enlarged_map(inverse, width))
     inverse = _around(fine, inverse, baseline, _STEPS_PX[1])
+    # Judge every pixel by the pictures, and by the expected error of the poses; the rig has no confidence
     judged = fine if every == 1 else warped
     at_judged = np.ascontiguousarray(inverse[:: width // judged.width, :: width // judged.width])
     seen = evidence(reference, neighbours, judged, at_judged, baseline)
     logit = np.tensordot(_COEFFICIENTS, seen, 1) + _FEW * np.log(min(len(neighbours) / _MANY, 1.0))
     rig, step = _of_rig(judged, at_judged, seen, baseline), judged.width // half
     compared = ((logit > 0.0) & ~rig)[::step, ::step]
-    error = _error_of_poses(warped, at_judged[::step, ::step], compared, baseline)
+    quarters = [Warped(reference, some[k * len(some) // 4 : (k + 1) * len(some) // 4], half) for k in range(4)]
+    error = _error_of_poses(warped, quarters, at_judged[::step, ::step], compared, baseline)
     logit -= enlarged_map((error / np.float32(_LARGEST_ERROR)) ** 4, judged.width)
     sure = np.where(rig, np.float32(0.0), confidence(logit))
     with np.errstate(divide="ignore"):
@@ -200,7 +204,7 @@ def _swept(warped: Warped, baseline_m: float) -> Map:
     trials = (np.tan(np.linspace(0.0, _WIDEST_RAD, _TRIALS)) / baseline_m).astype(np.float32)
     zero = np.zeros((warped.height, warped.width), np.float32)
     cost = np.stack([warped.cost(zero + inverse, _SWEEP_SIDE) for inverse in trials], axis=-1)
-    step = _lowest(smoothed(cost, _SMALL, _LARGE))
+    step, _ = lowest(smoothed(cost, _SMALL, _LARGE))
     low = np.clip(step.astype(np.int64), 0, _TRIALS - 2)
     return np.asarray(trials[low] + (step - low) * (trials[low + 1] - trials[low]), np.float32)
 
@@ -212,7 +216,7 @@ def _around(warped: Warped, inverse: Map, baseline_m: float, step_px: float) -> 
     unit = _unit(warped, inverse, baseline_m, step_px)
     tried = ((inverse + np.float32(k) * unit).astype(np.float32) for k in range(-_AROUND, _AROUND + 1))
     cost = np.stack([warped.cost(one, _SIDE) for one in tried], axis=-1)
-    step = _lowest(smoothed(cost, _FINE_SMALL, _FINE_LARGE))
+    step, _ = lowest(smoothed(cost, _FINE_SMALL, _FINE_LARGE))
     found = np.maximum(inverse + (step - _AROUND) * unit, 0.0).astype(np.float32)
     return np.asarray(cv2.medianBlur(found, 3), np.float32)
 
@@ -239,14 +243,13 @@ def _best(warped: Warped, choice: Sequence[Map]) -> Map:
     return np.asarray(np.choose(smoothed(cost, _EDGE, _EDGE).argmin(axis=-1), choice), np.float32)
 
 
-def _lowest(cost: Map) -> Map:
-    """Return the places (h, w) of the minima of costs (h, w, n), by a parabola between trials."""
-    count = cost.shape[-1]
-    best = np.clip(cost.argmin(axis=-1), 1, count - 2)
+def lowest(cost: Map) -> tuple[Map, NDArray[np.int64]]:
+    """Return the places (h, w) of the minima of costs (h, w, n) by parabolas, and the whole steps next to them."""
+    best = np.clip(cost.argmin(axis=-1), 1, cost.shape[-1] - 2)
     before, at, after = (np.take_along_axis(cost, (best + k)[..., None], -1)[..., 0] for k in (-1, 0, 1))
     bend = before - 2.0 * at + after
     shift = np.where(bend > 1e-6, 0.5 * (before - after) / np.maximum(bend, 1e-6), 0.0)
-    return np.asarray(best + np.clip(shift, -1.0, 1.0), np.float32)
+    return np.asarray(best + np.clip(shift, -1.0, 1.0), np.float32), best
 
 
 def enlarged_map(values: Map, width: int) -> Map:
@@ -425,19 +428,22 @@ def _of_rig(warped: Warped, inverse: Map, seen: Floats, baseline_m: float) -> ND
     return np.asarray(cv2.dilate(rig.astype(np.uint8), np.ones((_RIG_SIDE, _RIG_SIDE), np.uint8)) > 0)
 
 
-def _error_of_poses(warped: Warped, inverse: Map, sure: NDArray[np.bool_], baseline_m: float) -> Map:
+def _error_of_poses(
+    warped: Warped, quarters: Sequence[Warped], inverse: Map, sure: NDArray[np.bool_], baseline_m: float
+) -> Map:
     """Return the relative errors (h, w) that inverse distances (h, w) [1/m] are expected to have by wrong poses.
 
     Two halves of the neighbours each find their own distances: first the earlier half and the later one, which a wrong
     pose of the frame itself shifts to opposite sides, so that their mean is nearly right; then the inner half, near to
     the frame in time, and the outer one, which a bent path parts. The error is the geometric mean of both differences,
-    as a length across the rays that is the same for all pixels. sure: pixels that are compared.
+    as a length across the rays that is the same for all pixels. quarters: of the neighbours. sure: pixels that are
+    compared.
     """
     if warped.count < 4 or np.mean(sure) < _LEAST_COMPARED:
         return np.zeros_like(inverse)
     # Warp each quarter of the neighbours by the distances, and by such a step nearer and farther
     unit = _unit(warped, inverse, baseline_m, _PARTS_PX)
-    sums = [[part.sums(inverse + np.float32(k) * unit) for k in (-1, 0, 1)] for part in warped.parts(4)]
+    sums = [[part.sums(inverse + np.float32(k) * unit) for k in (-1, 0, 1)] for part in quarters]
     across = np.maximum(warped.parallax(np.ones_like(inverse)), np.float32(_LEAST * baseline_m))
     step = unit * across / np.maximum(inverse, np.float32(_LEAST / baseline_m))
     # Average the differences over wide windows, in which what caustics do to them is lost
@@ -445,7 +451,7 @@ def _error_of_poses(warped: Warped, inverse: Map, sure: NDArray[np.bool_], basel
     share = np.maximum(window_mean(sure.astype(np.float32), side), np.float32(_LEAST))
     for pair in (((0, 1), (2, 3)), ((1, 2), (0, 3))):
         costs = [[warped.cost_of(a + b, _SIDES[1]) for a, b in zip(sums[i], sums[j], strict=True)] for i, j in pair]
-        one, other = (_lowest(np.stack(cost, axis=-1)) for cost in costs)
+        one, other = (lowest(np.stack(cost, axis=-1))[0] for cost in costs)
         mean = window_mean(np.where(sure, (one - other) * step, np.float32(0.0)), side) / share
         apart.append(max(np.median(np.abs(mean[sure])) - _UNTOLD * np.median(step[sure]), 0.0))
     return np.asarray(np.sqrt(apart[0] * apart[1]) / across, np.float32)

@@ -14,7 +14,6 @@ picture to picture: it adds noise to the reference's own pairs, but little to th
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -195,15 +194,6 @@ class Warped:
         turns = [one.rotation.T @ reference.rotation for one in neighbours]
         shifts = [reference.rotation.T @ (one.position - reference.position) for one in neighbours]
         self._turns, self._shifts = np.array(turns, np.float32), np.array(shifts, np.float32)
-
-    def parts(self, count: int) -> list[Warped]:
-        """Return the same with one part each of the neighbours, in their order."""
-        found = [copy.copy(self) for _ in range(count)]
-        for k, part in enumerate(found):
-            some = slice(k * self.count // count, (k + 1) * self.count // count)
-            part._pictures, part._turns, part._shifts = self._pictures[some], self._turns[some], self._shifts[some]
-            part.count = len(part._shifts)
-        return found
 
     def sums(self, inverse: Map) -> Map:
         """Return S, P, Q, W and X, (5, h, w), of the neighbours warped by inverse distances (h, w) [1/m]."""
