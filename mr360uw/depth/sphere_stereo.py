@@ -153,8 +153,7 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     width = reference.grey.shape[1]
     half = max(width // 2, min(width, _SWEEP_WIDTHS[0]))
     every = max(half // _ALL_WIDTH, 1)
-    some = neighbours[::every]
-    warped = Warped(reference, some, half)
+    warped = Warped(reference, neighbours[::every], half)
     inverse = _best(warped, [_seen_from(reference, one, half) for one in sweeps])
     if half > sweeps[0][0].shape[1]:
         inverse = _at_edges(warped, inverse)
@@ -169,8 +168,7 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     logit = np.tensordot(_COEFFICIENTS, seen, 1) + _FEW * np.log(min(len(neighbours) / _MANY, 1.0))
     rig, step = _of_rig(judged, at_judged, seen, baseline), judged.width // half
     compared = ((logit > 0.0) & ~rig)[::step, ::step]
-    quarters = [Warped(reference, some[k * len(some) // 4 : (k + 1) * len(some) // 4], half) for k in range(4)]
-    error = _error_of_poses(warped, quarters, at_judged[::step, ::step], compared, baseline)
+    error = _error_of_poses(warped, at_judged[::step, ::step], compared, baseline)
     logit -= enlarged_map((error / np.float32(_LARGEST_ERROR)) ** 4, judged.width)
     sure = np.where(rig, np.float32(0.0), confidence(logit))
     with np.errstate(divide="ignore"):
@@ -428,21 +426,19 @@ def _of_rig(warped: Warped, inverse: Map, seen: Floats, baseline_m: float) -> ND
     return np.asarray(cv2.dilate(rig.astype(np.uint8), np.ones((_RIG_SIDE, _RIG_SIDE), np.uint8)) > 0)
 
 
-def _error_of_poses(
-    warped: Warped, quarters: Sequence[Warped], inverse: Map, sure: NDArray[np.bool_], baseline_m: float
-) -> Map:
+def _error_of_poses(warped: Warped, inverse: Map, sure: NDArray[np.bool_], baseline_m: float) -> Map:
     """Return the relative errors (h, w) that inverse distances (h, w) [1/m] are expected to have by wrong poses.
 
     Two halves of the neighbours each find their own distances: first the earlier half and the later one, which a wrong
     pose of the frame itself shifts to opposite sides, so that their mean is nearly right; then the inner half, near to
     the frame in time, and the outer one, which a bent path parts. The error is the geometric mean of both differences,
-    as a length across the rays that is the same for all pixels. quarters: of the neighbours. sure: pixels that are
-    compared.
+    as a length across the rays that is the same for all pixels. sure: pixels that are compared.
     """
     if warped.count < 4 or np.mean(sure) < _LEAST_COMPARED:
         return np.zeros_like(inverse)
     # Warp each quarter of the neighbours by the distances, and by such a step nearer and farther
     unit = _unit(warped, inverse, baseline_m, _PARTS_PX)
+    quarters = (warped.part(slice(k * warped.count // 4, (k + 1) * warped.count // 4)) for k in range(4))
     sums = [[part.sums(inverse + np.float32(k) * unit) for k in (-1, 0, 1)] for part in quarters]
     across = np.maximum(warped.parallax(np.ones_like(inverse)), np.float32(_LEAST * baseline_m))
     step = unit * across / np.maximum(inverse, np.float32(_LEAST / baseline_m))

@@ -14,6 +14,7 @@ picture to picture: it adds noise to the reference's own pairs, but little to th
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -194,6 +195,13 @@ class Warped:
         turns = [one.rotation.T @ reference.rotation for one in neighbours]
         shifts = [reference.rotation.T @ (one.position - reference.position) for one in neighbours]
         self._turns, self._shifts = np.array(turns, np.float32), np.array(shifts, np.float32)
+
+    def part(self, some: slice) -> Warped:
+        """Return the same with some of the neighbours."""
+        part = copy.copy(self)
+        part._pictures, part._turns, part._shifts = self._pictures[some], self._turns[some], self._shifts[some]
+        part.count = len(part._shifts)
+        return part
 
     def sums(self, inverse: Map) -> Map:
         """Return S, P, Q, W and X, (5, h, w), of the neighbours warped by inverse distances (h, w) [1/m]."""
