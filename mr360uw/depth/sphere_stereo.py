@@ -350,10 +350,10 @@ _MANY, _FEW = 32, 2.0
 few instants agree."""
 _PARTS_PX, _UNTOLD = 1.5, 0.02
 """Step [px] by which distances of some of the neighbours are searched, and fraction of it that two differ by with exact
-poses too. 0: with exact poses a fiftieth of the confident pixels is lost at 640 columns."""
+poses too. 0: with exact poses a sixtieth of the confident pixels is lost at 640 columns."""
 _WIDE = 1.0 / 3.0
 """Side of the windows in which differences are averaged, over the width. A tenth: under caustics three times as strong
-a tenth of the floor is lost with exact poses."""
+a seventh of the confident pixels is lost with exact poses at 512 columns."""
 _LARGEST_ERROR = 0.006
 """Expected relative error by wrong poses that takes one off the logit. .005: of paths .6 cm off a tenth less is used;
 .007: of one 2.6 cm off twice as much is, a tenth of it wrong."""
