@@ -20,6 +20,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Sun
 from mr360uw.video import VideoFrame, write_exr
+from mr360uw.video.reader import Chosen
 from tests.ibl import tolerances as tol
 from tests.ibl.plates import clipped, sky
 from tests.scenes import scene_with
@@ -96,11 +97,11 @@ def test_frames_of_a_range_take_the_sun_of_the_whole_clip(folder: Path) -> None:
 
 
 def test_a_range_is_measured_with_a_margin_and_no_more(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, read = scene_of(folder), list[tuple[int, int | None]]()
+    scene, read = scene_of(folder), list[tuple[int, int]]()
     monkeypatch.setattr("mr360uw.render.first_pass.MARGIN_S", 2.1 / RATE)
     with open_plate(scene) as video:
-        frames = video.frames
-        monkeypatch.setattr(video, "frames", lambda a=0, b=None: read.append((a, b)) or frames(a, b))
+        sampled = video.sampled
+        monkeypatch.setattr(video, "sampled", lambda a, b, chosen: read.append((a, b)) or sampled(a, b, chosen))
         analysis = first_pass(load_surroundings(scene), video, measures=["sun"], frames=(5, 6))
         assert read == [(2, 9)]
         assert (analysis.first, len(analysis.sun)) == (2, 7)
@@ -128,15 +129,15 @@ def test_a_stored_track_is_read_by_the_frames_of_the_clip(folder: Path, tmp_path
 def test_a_margin_ends_where_frames_cannot_be_decoded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of(folder)
     with open_plate(scene) as video:
-        frames = video.frames
+        sampled = video.sampled
 
-        def damaged(start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
-            for frame in frames(start, stop):
+        def damaged(start: int, stop: int, chosen: Chosen) -> Iterator[VideoFrame]:
+            for frame in sampled(start, stop, chosen):
                 if frame.index in (1, 8):
                     raise DamagedFrameError("lost", frame.index)
                 yield frame
 
-        monkeypatch.setattr(video, "frames", damaged)
+        monkeypatch.setattr(video, "sampled", damaged)
         analysis = first_pass(load_surroundings(scene), video, measures=["sun"], frames=(3, 6))
         assert (analysis.first, len(analysis.sun)) == (2, 6)
         with pytest.raises(DamagedFrameError):
