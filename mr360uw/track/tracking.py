@@ -21,11 +21,10 @@ from mr360uw.base.progress import Progress, Steps
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.track.camera_track import CameraTrack, Measure, World, window_up, world_of
 from mr360uw.track.colmap import load_colmap
-from mr360uw.track.drifting_light import drifting_light
 from mr360uw.track.floor_mesh import FloorMesh
 from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames
 from mr360uw.track.key_poses import BETWEEN, MASK, WIDTH, KeyPoses, solve_between, solve_key_frames
-from mr360uw.track.slip import predicted_slip
+from mr360uw.track.slip import drifting_light, predicted_slip
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 

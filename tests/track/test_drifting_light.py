@@ -13,7 +13,7 @@ import mr360uw as uw
 from benchmarks.tracks import RATE, Clip, slips
 from mr360uw.base.sphere import directions
 from mr360uw.sample.dive import record
-from mr360uw.track.drifting_light import drifting_layer, drifting_light
+from mr360uw.track.slip import drifting_layer, drifting_light
 from mr360uw.track.tracking import report_lines, verdict
 
 WIDTH, TIMES = 512, np.arange(12) / 6.0
