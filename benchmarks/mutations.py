@@ -389,7 +389,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("medium/models.py", "- lost * own.radiance(end_m, mu))", "- own.radiance(end_m, mu))",
      "medium/test_layers_in_scenes.py"),
     ("track/slip.py", "0.5 * apart[2]]", "apart[2]]", "track/test_slip.py"),
-    ("video/planes.py", "marks = container(native)", "marks = native.side_data", "video/test_writing.py"),
+    ("video/planes.py", "return container(native)", "return native.side_data", "video/test_writing.py"),
     ("video/demux.py", "pts < packet.pts for", "pts <= packet.pts for", "video/test_reading.py"),
     ("render/first_pass.py", "frames(index, self._video.frame_count)", "frames(index + 1, self._video.frame_count)",
      "render/test_gain.py"),

@@ -32,9 +32,8 @@ def build(bpy: Any, plate: str, layers: str, first: int, last: int) -> Any:
     behind, read = tree.nodes.new("CompositorNodeImage"), tree.nodes.new("CompositorNodeImage")
     for node, path in ((behind, plate), (read, layers % first)):
         node.image = bpy.data.images.load(str(Path(path).absolute()))
-        if node.image.source != "MOVIE":
-            node.image.source = "SEQUENCE"
         movie = node.image.source == "MOVIE"
+        node.image.source = "MOVIE" if movie else "SEQUENCE"
         node.frame_start, node.frame_duration, node.frame_offset = first, last - first + 1, first - (not movie)
     scene.render.resolution_x, scene.render.resolution_y = behind.image.size
     scene.render.resolution_percentage = 100

@@ -107,6 +107,7 @@ class Nodes:
 def test_the_tree_of_nuke_is_the_composite(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its nodes, evaluated by their definitions on random numbers, give the formula of the layers."""
     script = loaded("nuke_mr360uw")
+    assert script.PARTS == loaded("blender_layers").PARTS
     parts = {name: rng.random(3) for name in script.PARTS}
     layers = {**parts, "receiver_difference": rng.normal(size=3), "alpha": rng.random(1)}
     plate = {"rgb": rng.random(3), "alpha": np.zeros(1)}

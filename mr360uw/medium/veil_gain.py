@@ -252,9 +252,16 @@ class GainSeries(Generic[Frame]):
         self._changes: list[tuple[float, float]] = []
         """Changes of exposure and picture from the frame before."""
 
+    def due(self, index: int) -> bool:
+        """Return whether frame `index` of the clip is measured; that depends on the index alone."""
+        return index % self._step == 0
+
     def add(self, frame: Frame, index: int) -> None:
-        """Add the next frame, of an index in the clip; that alone says which frames are measured, after the first."""
-        if self._last is not None and index % self._step:
+        """Add the next frame, of an index in the clip.
+
+        Measured are the first, those that are due, and all where the picture changes.
+        """
+        if self._last is not None and not self.due(index):
             self._waiting.append(frame)
             return
         here = self._measure(frame)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ from mr360uw.render.mattes import ReceiverClip
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import without_gain
-from mr360uw.types import BeamSpread, Environment, Floats, MediumTable, Rectangle, Sun, sample_step
+from mr360uw.types import BeamSpread, Environment, Floats, MediumTable, Rectangle, Sun
 from mr360uw.video import VideoFrame, VideoReader
 from mr360uw.video.reader import Grade
 
@@ -194,6 +194,18 @@ def first_pass(
         return analysis if track is None else replace(analysis, sun=track.since(begin))
 
 
+class _Series(Protocol):
+    """Measurements in some of the frames of a clip."""
+
+    def due(self, index: int) -> bool:
+        """Return whether frame `index` of the clip is measured."""
+
+
+_PASSED = 8
+"""Frames that are kept after they were read late: those of an eighth of a second at 60 a second, which gain and sun are
+measured in, one after the other."""
+
+
 class _Pass:
     """A pass over a clip, and what it measures in single frames; see `first_pass`."""
 
@@ -209,10 +221,9 @@ class _Pass:
         self._camera, self._now = surroundings.camera, keyed or (lambda _: surroundings)
         self._video, self._measures, self._background, self._grade = video, measures, background, grade
         self._level, self._light = lru_cache(maxsize=1)(self._fit), lru_cache(maxsize=1)(self._read)
-        # Frames that the pass went by are read where light changes about them; from then on, all are
-        self._step, self._reads_all = sample_step(float(video.frame_rate)), False
-        self._late, self._later = lru_cache(maxsize=self._step)(self._read_late), iter(tuple[VideoFrame]())
-        self._next_late = -1
+        # Frames that the pass went by are read where light changes about them, and from then on all are
+        self._reads_all, self._passed = False, lru_cache(maxsize=_PASSED)(self._read_passed)
+        self._onwards, self._reached = iter(tuple[VideoFrame]()), -1
 
     def over(self, begin: int, end: int | None, progress: Progress | None) -> ClipAnalysis:
         """Return the analysis of frames [begin, end)."""
@@ -225,15 +236,15 @@ class _Pass:
         # Go through the frames once, and give each to all that measure
         suns, gains, looks = SunSeries(self.sun, rate), GainSeries(self._level, rate), OpenWaterLooks(rate)
         with one_blas_thread():
-            for frame in prefetch(self._frames(begin, end, looks)):
+            for frame in prefetch(self._frames(begin, end, (suns, gains, looks))):
                 if "gain" in measures:
                     gains.add(frame, frame.index)
                     if "open_water" in measures and looks.due(frame.index):
                         looks.add(frame.index, self.open_water(frame))
                 if "sun" in measures:
                     suns.add(frame, frame.index, frame.time_s)
-                if background is not None and frame.is_read:
-                    background.add(frame)
+                if background is not None and background.due(frame.index):
+                    background.add(self._whole(frame))
                 if progress is not None:
                     progress(frame.index + 1 - begin, None if end is None else end - begin)
         # Smooth over the clip what was measured frame by frame
@@ -247,30 +258,31 @@ class _Pass:
             open_water=None if steady is None else looks.track(steady, begin, gains.cuts()),
         )
 
-    def _frames(self, begin: int, end: int | None, looks: OpenWaterLooks) -> Iterator[VideoFrame]:
-        """Yield frames [begin, end), of which those that nothing is measured in may lack their codes."""
+    def _frames(self, begin: int, end: int | None, series: tuple[_Series, ...]) -> Iterator[VideoFrame]:
+        """Yield frames [begin, end), of which those that are not due in any of the series may lack their codes."""
         if end is None:
-            yield from self._video.frames(begin)
+            yield from (one.graded_by(self._grade) for one in self._video.frames(begin))
             return
-        step, background = self._step, self._background
-        tail = (end - 1) // step * step  # the frames after the last sample are measured each
+        series = series if self._background is None else (*series, self._background)
+        # The first frame is measured, and each of those after the last that is due
+        last = max((index for index in range(begin, end) if series[0].due(index)), default=begin)
 
-        def wanted(index: int) -> bool:
-            sample = index == begin or index % step == 0 or index > tail or self._reads_all
-            return sample or looks.due(index) or (background is not None and background.takes(index - begin))
+        def chosen(index: int) -> bool:
+            return not begin < index <= last or self._reads_all or any(one.due(index) for one in series)
 
-        yield from (one.graded_by(self._grade) for one in self._video.sampled(begin, end, wanted))
+        yield from (one.graded_by(self._grade) for one in self._video.sampled(begin, end, chosen))
 
     def _whole(self, frame: VideoFrame) -> VideoFrame:
         """Return a frame with its codes."""
-        return frame if frame.is_read else self._late(frame.index)
+        return frame if frame.is_read else self._passed(frame.index)
 
-    def _read_late(self, index: int) -> VideoFrame:
+    def _read_passed(self, index: int) -> VideoFrame:
+        """Return a frame that the pass went by, read with those that follow it."""
         self._reads_all = True
-        if index != self._next_late:
-            self._later = self._video.frames(index, self._video.frame_count)
-        self._next_late = index + 1
-        return next(self._later).graded_by(self._grade)
+        if index != self._reached:
+            self._onwards = self._video.frames(index, self._video.frame_count)
+        self._reached = index + 1
+        return next(self._onwards).graded_by(self._grade)
 
     def open_water(self, frame: VideoFrame) -> OpenWater:
         """Return the open water of a frame whose gain is fitted."""
@@ -385,16 +397,16 @@ class BackgroundSeries:
         self._small: list[Floats] = []
         self._measured: list[VideoFrame] = []
 
-    def takes(self, place: int) -> bool:
-        """Return whether a frame counts, by its place among those that are read."""
+    def due(self, index: int) -> bool:
+        """Return whether frame `index` of the clip counts, which is so of the first."""
+        place = 0 if self._first is None else index - self._first
         return place < FRAMES and place % _EVERY == 0
 
     def add(self, frame: VideoFrame) -> None:
         """Take a frame in, where it is one of those that count."""
-        if self._first is None:
-            self._first = frame.index
-        if not self.takes(frame.index - self._first):
+        if not self.due(frame.index):
             return
+        self._first = frame.index if self._first is None else self._first
         if len(self._measured) < _MEASURED:
             self._measured.append(replace(frame))  # without what was worked out from its codes
         if len(self._small) >= _LEAST_FRAMES and self._sum is None:

@@ -331,7 +331,7 @@ def report_lines(track: CameraTrack) -> list[str]:
     if track.kind == "moving":
         seen = f"; {len(track.points)} points; features over {100.0 * track.coverage:.0f} % of the sphere"
         path = f"path      {_length_m(track):.2f} m in {np.ptp(track.time_s):.1f} s"
-        lines.append(path + seen * bool(len(track.points)))
+        lines.append(path + seen if len(track.points) else path)
     if track.agreed is not None:
         drifts = "" if track.agreed >= _GOOD_AGREED else ": light that drifts, as caustics do, may have made it"
         lines.append(f"seen again {100.0 * track.agreed:.0f} % of the matches over half a second fit the path{drifts}")
@@ -340,8 +340,9 @@ def report_lines(track: CameraTrack) -> list[str]:
             f"light     drifts over the floor and had carried the path off by {track.light_m:.2f} m: taken out"
         )
     if track.held_out_px is not None:
-        worst = f"(worst key frame {track.worst_slip_px or 0.0:.2f})"
-        ground = "" if track.slip_px is None else f"the ground slips by {track.slip_px:.2f} px {worst}, "
+        ground = ""
+        if track.slip_px is not None:
+            ground = f"the ground slips by {track.slip_px:.2f} px (worst key frame {track.worst_slip_px:.2f}), "
         lines.append(
             f"held out  {ground}single features by {track.held_out_px:.2f} px, in key frames that did not place them; "
             f"px of a panorama {WIDTH} wide"

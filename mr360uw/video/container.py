@@ -36,7 +36,7 @@ from mr360uw.video.demux import (
     scanned_index,
 )
 from mr360uw.video.layout import EyeChoice, output_layout, panorama_crops, planes_of, shape_of_codes
-from mr360uw.video.planes import plane_views
+from mr360uw.video.planes import plane_views, side_data_of
 from mr360uw.video.reader import Chosen, Damaged, Decoder, Seeker, VideoFrame, VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical
 
@@ -49,7 +49,7 @@ def _turn_of(path: Path, first: Any, *, both: bool) -> int:
 
     both: whether both eyes are read.
     """
-    matrix = first.side_data.get(Type.DISPLAYMATRIX)
+    matrix = side_data_of(first).get(Type.DISPLAYMATRIX)
     a, b, _, c, d = struct.unpack_from("=5i", bytes(matrix)) if matrix is not None else (1, 0, 0, 0, 1)
     if a * d < b * c:
         raise VideoError(
@@ -152,7 +152,7 @@ class ContainerReader(VideoReader):
                 track_words={name: text for name, text in stream.metadata.items() if name in _OF_TRACK},
                 pixel_aspect=Fraction(0) if aspect is None else fraction(aspect),
                 panorama=equirectangular,
-                hdr=hdr_from_side_data(first.side_data),
+                hdr=hdr_from_side_data(side_data_of(first)),
                 stereo=output_layout(stereo) if self._beside is not None else "mono",
             )
 
@@ -321,16 +321,11 @@ class ContainerReader(VideoReader):
         if self._rotation:
             planes = YuvImage(planes.y[::-1, ::-1], planes.u[::-1, ::-1], planes.v[::-1, ::-1], planes.spec)
         # Keep the decoder's own frame where nothing was cut or turned
-        frame = VideoFrame(
-            index=index,
-            pts=pts,
-            time_base=self.time_base,
-            time_s=float((pts - self.start_pts) * self.time_base),
+        frame = replace(
+            self._passed_over(index, pts),
             duration=native.duration or 0,
-            spec=self.spec,
             yuv=planes,
             native=native if untouched else None,
-            wrap=self._wrap,
             damage="held" if lost else "concealed" if native.is_corrupt else "none",
         )
         return frame if beside is None else replace(frame, right=replace(frame, yuv=beside))
@@ -343,7 +338,7 @@ def _words(tags: Mapping[str, str]) -> dict[str, str]:
 
 def _spherical_of(stream: Any, first: Any) -> SphericalMetadata | None:
     """Return the spherical metadata of a container other than MP4 by its stream and first picture; None without."""
-    told, tag = from_side_data(first.side_data), from_tag(stream)
+    told, tag = from_side_data(side_data_of(first)), from_tag(stream)
     return tag if told is None else told if tag is None else replace(told, view_deg=tag.view_deg)
 
 

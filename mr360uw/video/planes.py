@@ -217,9 +217,16 @@ def has_stereo_mark(native: Any) -> bool:
 
     x264 takes a new arrangement for a change of settings in mid-stream, after which "lossless" loses a few codes.
     """
+    return side_data_of(native).get(Type.STEREO3D) is not None
+
+
+def side_data_of(native: Any) -> Any:
+    """Return what a decoded frame holds beside its planes, by its type.
+
+    A frame keeps its `side_data`, which keeps the frame: neither would be let go of.
+    """
     container: Any = SideDataContainer
-    marks = container(native)  # `native.side_data` is kept by the frame that it keeps: neither would be let go of
-    return marks.get(Type.STEREO3D) is not None
+    return container(native)
 
 
 # --- Grain of the plate ---------------------------------------------------------------------------------------------

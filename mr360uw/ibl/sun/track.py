@@ -249,12 +249,16 @@ class SunSeries(Generic[Frame]):
         self._found: list[SunMeasurement] = []
         self._waiting: list[tuple[Frame, float]] = []
 
+    def due(self, index: int) -> bool:
+        """Return whether frame `index` of the clip is measured; that depends on the index alone."""
+        return index % self._step == 0
+
     def add(self, frame: Frame, index: int, time_s: float) -> None:
         """Add the next frame, of an index in the clip, shown at a time [s].
 
-        Which frames are measured depends on the index alone, but that the first is.
+        Measured are the first, those that are due, and all where the picture changes.
         """
-        if self._found and index % self._step:
+        if self._found and not self.due(index):
             self._waiting.append((frame, time_s))
             return
         here = self._measure(frame)
