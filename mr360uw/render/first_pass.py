@@ -240,7 +240,7 @@ class _Pass:
                 if "gain" in measures:
                     gains.add(frame, frame.index)
                     if "open_water" in measures and looks.due(frame.index):
-                        looks.add(frame.index, self.open_water(frame))
+                        looks.add(frame.index, self.open_water(self._whole(frame)))
                 if "sun" in measures:
                     suns.add(frame, frame.index, frame.time_s)
                 if background is not None and background.due(frame.index):
