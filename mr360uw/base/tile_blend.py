@@ -276,7 +276,7 @@ def ground_room() -> Any:
     return (line, side), (weight, waves, added), (plate, inverse, np.empty(room, np.uint32)), change
 
 
-@inlined
+@fast
 def ground_line(ground: Any, y: int, x0: int, shown: Any, room: Any, ratio: Any, veil: Any) -> None:
     """Write ratio and veil (n, 3) of the pixels of row y, from column x0 on, where blocks change them.
 
