@@ -207,6 +207,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("first_look/observations.py", "low <= size <= high]", "low <= size]", "first_look/test_looks.py"),
     ("first_look/observations.py", "slice(round((90.0 - highest_deg) * scale)",
      "slice(round((90.0 + highest_deg) * scale)", "first_look/test_looks.py"),
+    ("first_look/place_in_plate.py", "cost += _RISES", "cost -= _RISES", "first_look/test_places.py"),
     ("first_look/place_in_plate.py", "_EDGES * (np.sqrt", "-_EDGES * (np.sqrt", "first_look/test_places.py"),
     ("first_look/place_in_plate.py", "z = right * np.sin(azimuth) - ahead * np.cos(azimuth)",
      "z = right * np.sin(azimuth) + ahead * np.cos(azimuth)", "first_look/test_places.py"),

@@ -351,9 +351,12 @@ _BARE = 0.018
 _EDGES, _UNLIKE, _SHADE, _PLAIN, _CROSSED = 2.0, 0.15, 0.5, 0.2, 1.0
 """Costs of edges under the foot, of each spread of difference, of a factor of e of darkness, of a factor of e of
 missing structure, and of the strongest edge across the way."""
-_HIDES, _ASIDE, _ODD = 0.2, 0.003, 0.6
+_HIDES, _ASIDE, _ODD = 0.2, 0.002, 0.6
 """Costs of edges behind the body over the plate's mean, of a degree from the middle, of a factor of e of distance. With
 less for the last two, large things go behind the crest of a slope, where the plate shows a valley."""
+_RISES, _PATCH_DEG, _UNLIKE_FROM = 1.0, 3.0, 2.0
+"""Cost of ground that goes on above the horizon, the size of patches that are compared, and by how many spreads of the
+ground near by they differ at least where it does not."""
 _NO_ROOM = 4.0
 """Cost of a place where all that is known of the plate's distances is in a body's way, or not below its foot."""
 _INTO, _OFF_GROUND = 0.9, 0.15
@@ -400,6 +403,7 @@ def ground_place(
     cost += _PLAIN * np.maximum(missing - _PLAIN_FROM, 0.0) + np.maximum(np.log(_BARE / np.maximum(fine, 1e-4)), 0.0)
     cost += _CROSSED * _crossed(layout, azimuth[:, 0], distance[0] + 0.5 * along, across)
     cost += _HIDES * _hidden(image, azimuth, distance * drop_m, body, drop_m)
+    cost += _RISES * _rising(image, azimuth, distance * drop_m, body[0], drop_m, layout.spread)
     if shown_m is not None:
         cost += _NO_ROOM * _crowded(shown_m, azimuth, distance * drop_m, body, drop_m)
     # Of places that are alike, one in the middle and as far away as usual
@@ -434,13 +438,11 @@ class _Layout:
         where = ((column - 0.5).astype(np.float32), (row - 0.5).astype(np.float32))
         seen = cv2.remap(around, *where, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         # Take light and colour, the edges between them, and what is finer
-        ground = np.log(np.maximum(seen, 0.0) + _DARK)
-        light = np.log(np.maximum(luminance(seen), 0.0) + _DARK)
-        shades = np.stack([light, *(_COLOR * (ground[..., k] - ground[..., 1]) for k in (0, 2))], axis=-1)
+        shades = _shades(seen)
         self.shades = cv2.GaussianBlur(shades, (0, 0), _BLUR / _CELL).astype(np.float64)
         change = np.stack(np.gradient(self.shades, axis=(0, 1))) * (_BLUR / _CELL)
         self.edges = np.sqrt(np.sum(change**2, axis=(0, -1)))
-        fine = np.abs(light - self.shades[..., 0])
+        fine = np.abs(shades[..., 0] - self.shades[..., 0])
         self.fine: Array = cv2.blur(fine, (9, 9))
         # Measure the ground near by, that other ground is compared with
         far = np.hypot(x, z)
@@ -458,6 +460,13 @@ class _Layout:
         z = right * np.sin(azimuth) - ahead * np.cos(azimuth)
         row, column = (np.clip(((v + _REACH) / _CELL).astype(int), 0, len(self.edges) - 1) for v in (z, x))
         return row, column
+
+
+def _shades(image: Floats) -> Floats:
+    """Return logarithms of light, and of red and blue over green with their weight, of an image (h, w, 3)."""
+    channels = np.log(np.maximum(image, 0.0) + _DARK)
+    light = np.log(np.maximum(luminance(image), 0.0) + _DARK)
+    return np.stack([light, *(_COLOR * (channels[..., k] - channels[..., 1]) for k in (0, 2))], axis=-1)
 
 
 def _crossed(layout: _Layout, azimuth: Array, ends: Array, width: float) -> Array:
@@ -501,14 +510,34 @@ def _hidden(image: Floats, azimuth: Array, distance_m: Array, body: Sides, drop_
     """Return how much is to be seen behind a body at some places: edges there over those of the whole plate, less 1."""
     import cv2
 
-    height, width = image.shape[:2]
-    scale = height / 180.0
+    scale = image.shape[0] / 180.0
     light = cv2.GaussianBlur(np.log(np.maximum(luminance(image), 0.0) + _DARK).astype(np.float32), (0, 0), scale)
     edges = np.hypot(*np.gradient(light)) * scale
     across, up = np.meshgrid(np.linspace(-0.5, 0.5, _ACROSS), np.linspace(0.1, 1.0, _ACROSS))
     longitude = azimuth[..., None] + np.arctan(across.ravel() * body[0] / distance_m[..., None])
     latitude = np.arctan2(up.ravel() * body[2] - drop_m, distance_m[..., None])
+    behind = np.mean(_at(edges, longitude, latitude), axis=-1) / max(float(np.mean(edges)), 1e-3)
+    return np.asarray(np.maximum(behind - 1.0, -0.5))
+
+
+def _rising(image: Floats, azimuth: Array, distance_m: Array, width_m: float, drop_m: float, spread: Array) -> Array:
+    """Return how much of what is seen above the horizon over some places is like their ground, 0 to 1: level ground
+    ends below it, a wall or a slope goes on.
+    """
+    import cv2
+
+    size = max(round(_PATCH_DEG * image.shape[0] / 180.0), 1)
+    shades = cv2.blur(_shades(image).astype(np.float32), (size, size))
+    longitude = azimuth[..., None] + np.arctan(np.linspace(-0.5, 0.5, _ACROSS) * width_m / distance_m[..., None])
+    foot = _at(shades, longitude, np.arctan2(-drop_m, distance_m[..., None]))
+    above = _at(shades, longitude, np.full_like(longitude, np.radians(_PATCH_DEG)))
+    unlike = np.linalg.norm((foot - above) / spread, axis=-1)
+    return np.asarray(np.mean(np.maximum(1.0 - unlike / _UNLIKE_FROM, 0.0), axis=-1))
+
+
+def _at(image: Floats, longitude: Array, latitude: Array) -> Floats:
+    """Return the pixels of a panorama in directions [rad]."""
+    height, width = image.shape[:2]
     column = np.floor((longitude / (2.0 * np.pi) + 0.5) * width).astype(int) % width
     row = np.clip(((0.5 - latitude / np.pi) * height).astype(int), 0, height - 1)
-    behind = np.mean(edges[row, column], axis=-1) / max(float(np.mean(edges)), 1e-3)
-    return np.asarray(np.maximum(behind - 1.0, -0.5))
+    return np.asarray(image[row, column])

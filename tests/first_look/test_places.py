@@ -66,6 +66,16 @@ def test_things_stand_where_the_plate_has_room_for_them(rng: np.random.Generator
     assert abs(ground_place(*given, shown_m)[0]) >= 95.0
 
 
+def test_nothing_stands_in_a_wall_that_looks_like_the_ground(rng: np.random.Generator) -> None:
+    """Stones all around, and ahead a wall of them from 5 m away on, without an edge where it meets the ground."""
+    x, y, z = np.moveaxis(directions(512, 256), -1, 0)
+    stones = 0.2 * np.exp(rng.normal(0.0, 0.3, (256, 512)))[..., None] * np.ones(3)
+    wall = (y < 0.2) & (np.abs(np.arctan2(x, -z)) < np.radians(60.0))
+    image = np.where(((y > 0.0) & ~wall)[..., None], (0.3, 0.5, 0.9), stones)
+    given = (DROP_M, (4.5, 2.0, 2.5), np.geomspace(6.7, 14.0, 7), np.arange(-180.0, 180.0, 5.0), 6.7)
+    assert 60.0 < abs(ground_place(image, *given)[0]) < 120.0  # beside it, and not farther from ahead than that takes
+
+
 def test_what_is_brought_nearer_stays_clear_of_the_ground(tmp_path: Path) -> None:
     far = Place(
         stands=False, hangs=False, size_m=5.0, smaller=False, azimuth_deg=30.0, elevation_deg=2.0, distance_m=10.0,
