@@ -41,7 +41,15 @@ from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.settings import NEAREST_M, SnowPhase, SnowSettings
 from mr360uw.composite.shading import water_ahead
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.snow_particles import LEAST_COVER, orbits_of, particles_near, seen_up_to, size_classes
+from mr360uw.composite.snow_particles import (
+    LEAST_COVER,
+    largest_offset_m,
+    offsets_in_waves,
+    orbiting_waves,
+    particles_near,
+    seen_up_to,
+    size_classes,
+)
 from mr360uw.composite.tiles import empty_tile
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import exact
@@ -135,9 +143,9 @@ def particles_in_view(snow: Snow, shot: Shot) -> tuple[Floats, Floats, Floats, F
 
     per_diameter, depth_m = seen_up_to(view.height), view.surface_y_m - float(view.position[1])
     reach_m = [min(farthest, per_diameter * size.high_m) for size in classes]
-    orbits = orbits_of(snow.sea, depth_m - reach_m[-1])
-    whole = 0.0 if orbits is None else orbits.reach_m(depth_m - reach_m[-1])
-    margins = [0.0 if orbits is None else orbits.reach_m(depth_m - far_m - whole) for far_m in reach_m]
+    bottom_m, waves = snow.sea.water_depth_m, orbiting_waves(snow.sea, depth_m - reach_m[-1])
+    whole = largest_offset_m(waves, depth_m - reach_m[-1], bottom_m)
+    margins = [largest_offset_m(waves, depth_m - far_m - whole, bottom_m) for far_m in reach_m]
     current = np.asarray(settings.current_m_s, np.float64)
     speeds = [current - np.array([0.0, size.sinking_m_s, 0.0]) for size in classes]
     position, diameter, number = particles_near(
@@ -149,8 +157,9 @@ def particles_in_view(snow: Snow, shot: Shot) -> tuple[Floats, Floats, Floats, F
     mean_m = np.linalg.norm(position - view.position, axis=-1)
     kept &= contrast(diameter, np.maximum(mean_m - margin, NEAREST_M)) > LEAST_COVER
     position, velocity, diameter = position[kept], velocity[kept], diameter[kept]
-    if orbits is not None:
-        offset, change = orbits.at(position, view.surface_y_m, snow.time_s, velocity)
+    if waves is not None:
+        below_m = view.surface_y_m - position[:, 1]
+        offset, change = offsets_in_waves(waves, bottom_m, snow.time_s, position, below_m, velocity)
         position, velocity = position + offset, velocity + change
     distance = np.linalg.norm(position - view.position, axis=-1)
     fade = (

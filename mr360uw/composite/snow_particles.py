@@ -173,43 +173,38 @@ _LEAST_ORBIT_M = 2e-5
 """Radius of orbits that are left out: a twentieth of a pixel of 2048 columns at 15 cm."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Orbits:
-    """Waves that move particles. waves: see `Waves`. water_depth_m: of the bottom."""
-
-    waves: Waves
-    water_depth_m: float
-
-    def reach_m(self, depth_m: float) -> float:
-        """Return a bound of the offset [m] of particles at a depth or below."""
-        along, _ = depth_factors(self.waves, max(depth_m, 0.0), self.water_depth_m)
-        return float(np.sum(self.waves.amplitude_m * along))
-
-    def at(self, mean: Floats, surface_y_m: float, time_s: float, carried_m_s: Floats) -> tuple[Floats, Floats]:
-        """Return the offsets (n, 3) [m] of particles from their mean places (n, 3), and their velocities [m/s].
-
-        carried_m_s: (n, 3) velocity of the mean places.
-        """
-        waves = self.waves
-        vector, length = np.ascontiguousarray(waves.wave_vector, np.float64), np.linalg.norm(waves.wave_vector, axis=1)
-        turn = np.remainder(waves.phase_rad - waves.angular_frequency * time_s, 2.0 * np.pi)
-        offset, velocity = np.zeros(mean.shape), np.zeros(mean.shape)
-        arrays = vector, length, waves.amplitude_m, turn, waves.angular_frequency
-        places = np.ascontiguousarray(mean), surface_y_m - mean[:, 1], np.ascontiguousarray(carried_m_s)
-        _add_orbits(arrays, self.water_depth_m, places, offset, velocity)
-        return offset, velocity
-
-
-def orbits_of(sea: Sea, depth_m: float) -> Orbits | None:
+def orbiting_waves(sea: Sea, depth_m: float) -> Waves | None:
     """Return the waves of a sea that move the water at a depth by anything to speak of; None where none does."""
     waves = sea.waves if isinstance(sea, GerstnerSea) else sea.waves()
     along, _ = depth_factors(waves, max(depth_m, 0.0), sea.water_depth_m)
     radius = waves.amplitude_m * along
     largest = np.argsort(-radius, kind="stable")[:MOST_WAVES]
     kept = np.sort(largest[radius[largest] >= _LEAST_ORBIT_M])
-    if len(kept) == 0:
-        return None
-    return Orbits(Waves(*(getattr(waves, field.name)[kept] for field in fields(waves))), sea.water_depth_m)
+    return Waves(*(getattr(waves, field.name)[kept] for field in fields(waves))) if len(kept) else None
+
+
+def largest_offset_m(waves: Waves | None, depth_m: float, water_depth_m: float) -> float:
+    """Return a bound of the offset [m] of particles at a depth or below; 0 without waves."""
+    if waves is None:
+        return 0.0
+    along, _ = depth_factors(waves, max(depth_m, 0.0), water_depth_m)
+    return float(np.sum(waves.amplitude_m * along))
+
+
+def offsets_in_waves(
+    waves: Waves, water_depth_m: float, time_s: float, mean: Floats, depth_m: Floats, carried_m_s: Floats
+) -> tuple[Floats, Floats]:
+    """Return the offsets (n, 3) [m] of particles from their mean places (n, 3), and their velocities [m/s].
+
+    depth_m: (n,) of the mean places. carried_m_s: (n, 3) their velocity.
+    """
+    vector, length = np.ascontiguousarray(waves.wave_vector, np.float64), np.linalg.norm(waves.wave_vector, axis=1)
+    turn = np.remainder(waves.phase_rad - waves.angular_frequency * time_s, 2.0 * np.pi)
+    offset, velocity = np.zeros(mean.shape), np.zeros(mean.shape)
+    arrays = vector, length, waves.amplitude_m, turn, waves.angular_frequency
+    places = np.ascontiguousarray(mean), depth_m, np.ascontiguousarray(carried_m_s)
+    _add_orbits(arrays, water_depth_m, places, offset, velocity)
+    return offset, velocity
 
 
 def depth_factors(waves: Waves, depth_m: float, water_depth_m: float) -> tuple[Floats, Floats]:
@@ -222,7 +217,7 @@ def depth_factors(waves: Waves, depth_m: float, water_depth_m: float) -> tuple[F
 
 @exact
 def _add_orbits(waves: Any, bottom: Any, places: Any, offset: Any, velocity: Any) -> None:
-    """Add the offsets (n, 3) and velocities (n, 3) of `Orbits.at`.
+    """Add the offsets (n, 3) and velocities (n, 3) of `offsets_in_waves`.
 
     waves: wave vector (w, 2), its length, amplitude, phase at the instant and frequency (w,). places: mean position
     (n, 3), depth (n,) and velocity (n, 3).

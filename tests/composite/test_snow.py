@@ -28,7 +28,14 @@ from mr360uw.composite.snow import (
     rest_of,
     with_particles,
 )
-from mr360uw.composite.snow_particles import SizeClass, number_between, orbits_of, particles_near, size_classes
+from mr360uw.composite.snow_particles import (
+    SizeClass,
+    number_between,
+    offsets_in_waves,
+    orbiting_waves,
+    particles_near,
+    size_classes,
+)
 from mr360uw.composite.tiles import empty_tile, over
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.types import Floats, Lamp, Layer, Rectangle, Sun, View
@@ -108,38 +115,42 @@ def test_particles_stay_where_the_camera_goes_and_where_the_water_thickens() -> 
 
 def test_a_wave_turns_particles_in_circles_once_a_period() -> None:
     sea = GerstnerSea.from_waves([2.0 * np.pi / 4.0, 0.0], 0.1, 0.4, 0.7, tile_m=4.0)
-    orbits = orbits_of(sea, 0.0)
-    assert orbits is not None
+    waves = orbiting_waves(sea, 0.0)
+    assert waves is not None
     omega = float(sea.waves.angular_frequency[0])
     mean = np.array([[0.3, -1.0, 5.0]])
     still = np.zeros((1, 3))
+
+    def moved(time_s: float, at: Any, carried: Any) -> Any:
+        return offsets_in_waves(waves, sea.water_depth_m, time_s, at, -at[:, 1], carried)
+
     times = np.linspace(0.0, 2.0 * np.pi / omega, 9)
-    offset, velocity = (np.concatenate(a) for a in zip(*(orbits.at(mean, 0.0, t, still) for t in times), strict=True))
+    offset, velocity = (np.concatenate(a) for a in zip(*(moved(t, mean, still) for t in times), strict=True))
     radius = 0.1 * np.exp(-2.0 * np.pi / 4.0)
     np.testing.assert_allclose(np.linalg.norm(offset, axis=-1), radius, rtol=FLOAT64)
     np.testing.assert_allclose(offset[-1], offset[0], atol=FLOAT64)
     np.testing.assert_allclose(np.linalg.norm(velocity, axis=-1), radius * omega, rtol=FLOAT64)
     step = 1e-6
-    near = [orbits.at(mean + s * np.array([0.2, 0.0, 0.0]), 0.0, 1.0 + s, still)[0] for s in (-step, step)]
-    rate = orbits.at(mean, 0.0, 1.0, np.array([[0.2, 0.0, 0.0]]))[1]
+    near = [moved(1.0 + s, mean + s * np.array([0.2, 0.0, 0.0]), still)[0] for s in (-step, step)]
+    rate = moved(1.0, mean, np.array([[0.2, 0.0, 0.0]]))[1]
     np.testing.assert_allclose((near[1] - near[0]) / (2.0 * step), rate, atol=1e-9)  # differences over 2e-6 s
 
 
 @pytest.mark.parametrize("sea", [SEA, SpectralSea(resolution=8, seed=2)], ids=["gerstner", "spectral"])
 def test_a_particle_at_the_surface_rises_with_it(sea: Any) -> None:
-    orbits = orbits_of(sea, 0.0)
-    assert orbits is not None
+    waves = orbiting_waves(sea, 0.0)
+    assert waves is not None
     place = np.array([[0.4, 0.0, -1.3], [2.0, 0.0, 5.0]])
-    offset, _ = orbits.at(place, 0.0, 2.5, np.zeros((2, 3)))
+    offset, _ = offsets_in_waves(waves, sea.water_depth_m, 2.5, place, -place[:, 1], np.zeros((2, 3)))
     left_out = 60 * 2e-5  # waves of smaller orbits
     np.testing.assert_allclose(offset[:, 1], sea.fields_at(place[:, 0], place[:, 2], 2.5).height, atol=left_out)
 
 
 def test_orbits_end_at_the_bottom() -> None:
     sea = GerstnerSea.from_waves([2.0 * np.pi / 4.0, 0.0], 0.1, 0.4, 0.7, tile_m=4.0, water_depth_m=1.0)
-    orbits = orbits_of(sea, 0.0)
-    assert orbits is not None
-    offset, _ = orbits.at(np.array([[0.3, -1.0, 5.0]]), 0.0, 1.0, np.zeros((1, 3)))
+    waves = orbiting_waves(sea, 0.0)
+    assert waves is not None
+    offset, _ = offsets_in_waves(waves, 1.0, 1.0, np.array([[0.3, -1.0, 5.0]]), np.ones(1), np.zeros((1, 3)))
     assert abs(offset[0, 1]) < FLOAT64
     k = np.pi / 2.0
     assert 1e-3 < abs(offset[0, 0]) <= 0.1 / np.sinh(k)
