@@ -43,7 +43,7 @@ from mr360uw.base.rays import PlacedScene, RayScene
 from mr360uw.base.sphere import basis, disc_directions, disc_offsets, effective_half_angle, unit
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.raycast import Geometry, gather, opacity_key, surfaces_along
-from mr360uw.composite.shot import LightSample, PlacedObject, Shot
+from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.medium.lookup import beam_ratio, linear, optical_length, table_coordinate, unscattered_share
 from mr360uw.medium.shafts.occluders import Bodies
 from mr360uw.medium.shafts.single_scattering import nearest_m, spot_factor
@@ -59,7 +59,7 @@ REFERENCE_SUN_FACTOR = 4
 """Factor on the directions over a light's disc in the reference renderer, which approximates the limit of many."""
 
 
-def sun_of(shot: Shot | LightSample) -> Sun | None:
+def sun_of(shot: Shot) -> Sun | None:
     """Return the sun of a shot; None where there is none above the horizon."""
     for light in shot.lights:
         if isinstance(light, Sun) and light.direction[1] > 0.0:

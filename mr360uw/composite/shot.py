@@ -93,25 +93,15 @@ class Receiver:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LightSample:
-    """Bodies, light and water at a sample in time, for which the ambient light of bodies is solved.
+class BetweenSamples:
+    """Place of an instant between two samples in time, for which the ambient light of bodies is solved.
 
-    environment: in world axes. lights: its sun, if any. position: (3,) [m] of the camera in the world.
+    before, after: bodies, light in world axes with its sun if any, and water there. share: 0 at the sample before, 1 at
+    that after.
     """
 
-    objects: tuple[PlacedObject, ...]
-    environment: Environment
-    lights: tuple[Light, ...]
-    medium: MediumTable | None
-    position: Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BetweenSamples:
-    """Place of an instant between two samples in time. share: 0 at the sample before, 1 at that after."""
-
-    before: LightSample
-    after: LightSample
+    before: Shot
+    after: Shot
     share: float
 
 

@@ -24,7 +24,7 @@ from mr360uw.base.cache import Cache
 from mr360uw.base.color import code_range, decode_signal
 from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, MINIMUM_SUN_UP
 from mr360uw.base.sphere import directions, row_solid_angle
-from mr360uw.composite.shot import BetweenSamples, LightSample
+from mr360uw.composite.shot import BetweenSamples, Shot
 from mr360uw.errors import DamagedFrameError
 from mr360uw.ibl import SunTrack
 from mr360uw.ibl.lighting import light_between, sun_between, turned
@@ -80,7 +80,7 @@ class _Sampled:
     plate: VideoFrame
     faces: Floats
     light: FrameLight
-    lit: LightSample
+    lit: Shot
 
 
 class LightSamples:
@@ -155,7 +155,7 @@ class LightSamples:
         of_world = turned(light.environment, view.world_from_camera)
         suns = () if of_world.sun is None else (of_world.sun,)
         water = exposed_water(now.surroundings, light, time_s)
-        return _Sampled(plate, _faces(plate), light, LightSample(objects, of_world, suns, water, view.position))
+        return _Sampled(plate, _faces(plate), light, Shot(view, objects, of_world, suns, water))
 
     def _ungraded(self, plate: VideoFrame) -> VideoFrame:
         """Return a frame as its light is read."""

@@ -13,7 +13,7 @@ from mr360uw.base.cache import Cache
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Receiver, Shot
+from mr360uw.composite.shot import BetweenSamples, PlacedObject, Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, environment, placed, shot, sphere
@@ -97,10 +97,7 @@ def test_a_used_cache_gives_what_a_fresh_one_gives() -> None:
 
 def test_light_solved_at_samples_in_time_is_interpolated() -> None:
     scene, cache = reef((0.0, 0.0, 0.0)), Cache()
-    samples = [
-        LightSample(scene.objects, environment(level), scene.lights, scene.medium, scene.view.position)
-        for level in (0.4, 0.6)
-    ]
+    samples = [replace(scene, environment=environment(level)) for level in (0.4, 0.6)]
     first, last = (ambient_light(replace(scene, environment=sample.environment), Cache()) for sample in samples)
     assert first is not None
     assert last is not None
@@ -115,8 +112,7 @@ def test_light_solved_at_samples_in_time_is_interpolated() -> None:
 def between_samples(share: float, swim_m: float, turn_deg: float) -> tuple[Shot, Shot]:
     """Return the shot at a share of the way between two samples, and the same without samples."""
     places = [reef((0.0, 0.0, 0.0), at * turn_deg, at * swim_m) for at in (0.0, 1.0, share)]
-    samples = [LightSample(at.objects, at.environment, at.lights, at.medium, at.view.position) for at in places[:2]]
-    return replace(places[2], between=BetweenSamples(samples[0], samples[1], share)), places[2]
+    return replace(places[2], between=BetweenSamples(places[0], places[1], share)), places[2]
 
 
 def test_light_of_bodies_that_move_slowly_is_interpolated_between_samples() -> None:

@@ -12,7 +12,7 @@ from mr360uw.base.cache import Cache
 from mr360uw.composite.ambient.blocked_light import most_blocked
 from mr360uw.composite.ambient.ground_light import SMOOTH_PATCH, ground_field, make_quadtree
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
-from mr360uw.composite.shot import BetweenSamples, LightSample, Receiver, Shot
+from mr360uw.composite.shot import BetweenSamples, Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, changed, environment, placed, shot, sphere
@@ -112,7 +112,7 @@ def test_between_samples_in_time_bodies_high_above_the_ground_block_what_they_do
         return shot(*bodies, width=1024, environment=environment(), receiver=Receiver(plane_y=FLOOR_Y_M))
 
     then = at(0.4)
-    samples = [LightSample(s.objects, s.environment, s.lights, s.medium, s.view.position) for s in (at(0.0), at(1.0))]
+    samples = [at(0.0), at(1.0)]
     between = replace(then, between=BetweenSamples(samples[0], samples[1], 0.4))
     field = ground_field(between, ambient_light(between, cache), cache)
     assert len(field.patches) == 2

@@ -43,7 +43,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.cache import Cache, PartOf
+from mr360uw.base.cache import Cache, PartOf, Same
 from mr360uw.base.rays import RayScene, barycentric
 from mr360uw.composite.ambient.blocked_light import Occlusion, fraction_left, sky_table
 from mr360uw.composite.ambient.form_factors import (
@@ -70,7 +70,7 @@ from mr360uw.composite.ambient.mesh_transfer import (
 from mr360uw.composite.light_sources import sun_of, sun_up
 from mr360uw.composite.raycast import Hits
 from mr360uw.composite.receiver.shape import ReceiverShape
-from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Shot
+from mr360uw.composite.shot import BetweenSamples, PlacedObject, Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import fast
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup
@@ -600,14 +600,14 @@ def _slow(between: BetweenSamples) -> bool:
     return True
 
 
-def _at_sample(shot: Shot, sample: LightSample, cache: Cache) -> AmbientLight | None:
+def _at_sample(shot: Shot, sample: Shot, cache: Cache) -> AmbientLight | None:
     """Return the light of a shot's bodies as it is at a sample in time; kept in `cache`."""
-    view = replace(shot.view, position=sample.position, eye_m=0.0)
+    view = replace(shot.view, position=sample.view.position, eye_m=0.0)
     then = replace(
         shot, view=view, objects=sample.objects, environment=sample.environment, lights=sample.lights,
         medium=sample.medium, between=None,
     )  # fmt: skip
-    of_light = PartOf(then, sample, shot.receiver, shot.draw.ambient_occlusion, view.surface_y_m)
+    of_light = PartOf(then, Same(sample), shot.receiver, shot.draw.ambient_occlusion, view.surface_y_m)
     return cache.of(_solved, of_light, cache, keep=_KEPT_SAMPLES)
 
 
