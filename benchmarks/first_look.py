@@ -26,7 +26,7 @@ from mr360uw.base.color import encode
 from mr360uw.errors import Mr360uwError
 from mr360uw.first_look.first_scene import make_first_scene
 from mr360uw.preview.live import LivePreview
-from mr360uw.preview.screen import Perspective, look
+from mr360uw.preview.screen import look, perspective
 from mr360uw.render.loaded import load
 from mr360uw.scene.model import Scene, load_scene
 
@@ -62,7 +62,7 @@ def seen(live: LivePreview, scene: Scene, ray: np.ndarray, wide_deg: float, widt
     yaw, pitch = np.degrees([np.arctan2(middle[0], -middle[2]), np.arctan2(middle[1], np.hypot(middle[0], middle[2]))])
     both = []
     for fov in (ORDINARY_DEG, min(max(CLOSE * wide_deg, 8.0), 100.0)):
-        view = look(np.clip(exposure * light, 0.0, 1.0), Perspective(float(yaw), float(pitch), fov, *VIEW))
+        view = look(np.clip(exposure * light, 0.0, 1.0), perspective(float(yaw), float(pitch), fov, *VIEW))
         both.append(np.round(255.0 * encode(np.minimum(view, 1.0), "srgb")).astype(np.uint8)[..., ::-1])
     return np.concatenate(both)
 

@@ -408,7 +408,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("composite/water_blur.py", "shown * np.maximum(gain * change, -plate)", "shown * gain * change",
      "composite/test_water_blur.py"),
     ("datasets.py", "itertools.product(*axes.values())", "zip(*axes.values(), strict=False)", "test_datasets.py"),
-    ("medium/scattered_light.py", "return ImageSpread(within, within - peak,", "return ImageSpread(within, peak,",
+    ("medium/scattered_light.py", "_weights(phase, cone=True), within - peak)", "_weights(phase, cone=True), peak)",
      "render/test_lit_dives.py"),
     ("yuv/decoding.py", "-y_offset / y_span, c_offset", "y_offset / y_span, c_offset", "test_yuv.py"),
     ("yuv/decoding.py", "(0.25 if sy else 0.0)", "(0.75 if sy else 0.0)", "video/test_planes.py"),

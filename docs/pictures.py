@@ -30,7 +30,7 @@ from mr360uw.caustics import GerstnerSea, caustic_map  # noqa: E402
 from mr360uw.from_above import AerialScene, aerial_film  # noqa: E402
 from mr360uw.medium import JERLOV_TYPES, Medium, Sensor, Water  # noqa: E402
 from mr360uw.preview.live import LivePreview  # noqa: E402
-from mr360uw.preview.screen import Perspective, look  # noqa: E402
+from mr360uw.preview.screen import look, perspective  # noqa: E402
 from mr360uw.sample import Dive, DiveSettings, sample_dive  # noqa: E402
 from mr360uw.sample.dive import with_noise, write_whale  # noqa: E402
 from mr360uw.sample.dive_settings import PRESETS  # noqa: E402
@@ -142,7 +142,7 @@ def shafts(folder: Path) -> Image.Image:
         folder, DiveSettings(depth_m=6.0, floor_m=9.5, water="II", stops=1.0), width=3072, frames=2
     ).scene
     sides = [_composite(scene, *sets, frame=1) for sets in (("shafts.on_plate=true", "shafts.strength=3"), _TORCH)]
-    view = Perspective(yaw_deg=18.0, pitch_deg=10.0, fov_deg=95.0, width=800, height=600)
+    view = perspective(yaw_deg=18.0, pitch_deg=10.0, fov_deg=95.0, width=800, height=600)
     return sheet([picture(look(side, view)) for side in sides], 2)
 
 
@@ -169,7 +169,7 @@ def at_the_surface(folder: Path) -> Image.Image:
     trimesh.creation.box((1.2, 0.7, 2.4)).export(folder / "boat.ply")
     head = dive.scene.read_text("utf-8").split("[[object]]")[0]
     dive.scene.write_text(head + _FLOATING, "utf-8")
-    view = Perspective(yaw_deg=0.0, pitch_deg=36.0, fov_deg=75.0, width=800, height=500)
+    view = perspective(yaw_deg=0.0, pitch_deg=36.0, fov_deg=75.0, width=800, height=500)
     sides = [look(_composite(dive.scene, f'surface.objects="{objects}"'), view) for objects in ("none", "auto")]
     return sheet([picture(side) for side in sides], 2)
 
@@ -253,7 +253,7 @@ def ambient(folder: Path) -> Image.Image:
     trimesh.creation.box((0.8, 0.8, 0.8)).export(folder / "crate.ply")
     trimesh.creation.icosphere(4, 0.35).export(folder / "ball.ply")
     (folder / "scene.toml").write_text(_AMBIENT, "utf-8")
-    view = Perspective(yaw_deg=0.0, pitch_deg=-22.0, fov_deg=50.0, width=400, height=300)
+    view = perspective(yaw_deg=0.0, pitch_deg=-22.0, fov_deg=50.0, width=400, height=300)
 
     def seen(*sets: str) -> Floats:
         return look(_composite(folder / "scene.toml", *sets), view)
@@ -279,7 +279,7 @@ def caustics(_: Path) -> Image.Image:
 def waters(_: Path) -> Image.Image:
     """Return level views in ten waters at four depths, grey balls at 2, 4 and 8 m, each exposed for itself."""
     width, height = 160, 120
-    directions = Perspective(fov_deg=100.0, width=width, height=height).directions()
+    directions = perspective(fov_deg=100.0, width=width, height=height).pixel_directions()
     tiles = []
     for depth in (1.0, 4.0, 10.0, 20.0):
         for name in JERLOV_TYPES:

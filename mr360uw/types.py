@@ -118,6 +118,10 @@ class View(Parts):
         half = math.tan(0.5 * self.fov_rad) if self.projection == "perspective" else 0.0
         return unit(np.stack([half * right, half * up, -np.ones(right.shape)], axis=-1)) @ self.world_from_camera.T
 
+    def pixel_directions(self) -> Floats:
+        """Return the unit directions (height, width, 3) in the world of the pixels' centres."""
+        return self.directions(np.arange(self.width) + 0.5, (np.arange(self.height) + 0.5)[:, None])
+
     def origins(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return where the rays of continuous frame coordinates start in the world, (..., 3) [m]."""
         right, up = self._from_middle(x, y)
@@ -476,49 +480,29 @@ class Surface(Shown):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamSpread(Parts):
-    """Spread of sunlight that the water has turned by small angles, over a plane across the beam.
+    """Spread of light that the water has turned by small angles: of sunlight over a plane across the beam, or of that
+    of bodies over the angles that they are seen at.
 
-    scattering: by small angles [1/m]; times the path from the surface it is an optical depth. angle_rad: (k,) standard
-    deviations of Gaussians over the path. optical_depth: (t,) ascending. weight: (t, k) of the Gaussians, each row of
-    sum 1, for light that has turned.
+    scattering: by small angles [1/m], or (3,) of each channel; times the path it is an optical depth. angle_rad: (k,)
+    standard deviations of Gaussians over the path. optical_depth: (t,) ascending. weight: (t, k) of the Gaussians, each
+    row of sum 1, for light that has turned. kept: (3,) what of the scattering [1/m] the extinction of bodies counts as
+    lost.
     """
 
-    scattering: float
+    scattering: Floats | float
     angle_rad: Floats
     optical_depth: Floats
     weight: Floats
+    kept: Floats | float = 0.0
 
     def unturned(self, path_m: float) -> float:
         """Return the fraction of the beam that has not turned after a path."""
         return float(np.exp(-self.scattering * path_m))
 
-    def weights(self, path_m: float) -> Floats:
-        """Return the weights (k,) of the Gaussians after a path, sum 1."""
-        return _weights_at(self, np.asarray(self.scattering * path_m))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ImageSpread(Parts):
-    """Spread of the light of bodies by what the water turns within a cone, over the angles that they are seen at.
-
-    scattering: (3,) into the cone [1/m], of each channel; times the distance it is an optical depth. kept: (3,) what of
-    it [1/m] the extinction of bodies counts as lost. angle_rad, optical_depth, weight: as in `BeamSpread`.
-    """
-
-    scattering: Floats
-    kept: Floats
-    angle_rad: Floats
-    optical_depth: Floats
-    weight: Floats
-
-    def weights(self, distance_m: Floats) -> Floats:
-        """Return the weights (n, 3, k) of the Gaussians over distances (n, 1), sum 1."""
-        return _weights_at(self, distance_m * self.scattering)
-
-
-def _weights_at(spread: BeamSpread | ImageSpread, optical_depth: Floats) -> Floats:
-    """Return the weights (..., k) of a spread's Gaussians at optical depths (...,), linear between its rows."""
-    return np.stack([np.interp(optical_depth, spread.optical_depth, column) for column in spread.weight.T], axis=-1)
+    def weights(self, path_m: Floats | float) -> Floats:
+        """Return the weights (..., k) of the Gaussians after paths (...), sum 1, linear between the rows."""
+        depth = np.asarray(path_m * self.scattering)
+        return np.stack([np.interp(depth, self.optical_depth, column) for column in self.weight.T], axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

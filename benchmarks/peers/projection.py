@@ -24,13 +24,16 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from mr360uw.base.sphere import directions
-from mr360uw.preview.screen import Perspective, look
+from mr360uw.preview.screen import look, perspective
 from mr360uw.types import Floats
 
 _VIEWS = {
-    "level": Perspective(30.0, 0.0, 75.0, 1280, 720),
-    "up, over the pole": Perspective(30.0, 75.0, 75.0, 1280, 720),
+    "level": (30.0, 0.0),
+    "up, over the pole": (30.0, 75.0),
 }
+"""Azimuth and elevation of the views' middles [deg]."""
+_FOV_DEG, _WIDTH, _HEIGHT = 75.0, 1280, 720
+_TALL_DEG = np.degrees(2.0 * np.arctan(np.tan(0.5 * np.radians(_FOV_DEG)) * _HEIGHT / _WIDTH))
 _WAVES = 24
 _RUNS = 9
 _CODES = 65535.0
@@ -48,22 +51,21 @@ def pattern(width: int) -> Callable[[Floats], Floats]:
     return lambda to: 0.5 + 0.8 * np.sin(to @ wave.T + phase) @ weight
 
 
-def _ours(panorama: Floats, view: Perspective) -> Iterator[tuple[str, Work]]:
-    yield "mr360uw", lambda: look(panorama, view)
+def _ours(panorama: Floats, yaw_deg: float, pitch_deg: float) -> Iterator[tuple[str, Work]]:
+    yield "mr360uw", lambda: look(panorama, perspective(yaw_deg, pitch_deg, _FOV_DEG, _WIDTH, _HEIGHT))
 
 
-def _v360(panorama: Floats, view: Perspective) -> Iterator[tuple[str, Work]]:
+def _v360(panorama: Floats, yaw_deg: float, pitch_deg: float) -> Iterator[tuple[str, Work]]:
     import av
 
     codes = np.ascontiguousarray(np.round(_CODES * panorama).astype(np.uint16)[..., [1, 2, 0]])
-    tall = np.degrees(2.0 * np.arctan(np.tan(0.5 * np.radians(view.fov_deg)) * view.height / view.width))
     for interpolation in ("linear", "cubic", "lanczos"):
         graph = av.filter.Graph()
         height, width = panorama.shape[:2]
         source = graph.add_buffer(width=width, height=height, format="gbrp16le", time_base="1/24")
         wanted = (
-            f"input=e:output=flat:yaw={view.yaw_deg}:pitch={view.pitch_deg}:h_fov={view.fov_deg}:v_fov={tall}"
-            f":w={view.width}:h={view.height}:interp={interpolation}"
+            f"input=e:output=flat:yaw={yaw_deg}:pitch={pitch_deg}:h_fov={_FOV_DEG}:v_fov={_TALL_DEG}"
+            f":w={_WIDTH}:h={_HEIGHT}:interp={interpolation}"
         )
         last = source
         for name, given in (("v360", wanted), ("buffersink", None)):
@@ -81,26 +83,23 @@ def _v360(panorama: Floats, view: Perspective) -> Iterator[tuple[str, Work]]:
             frame.time_base = 1
             graph.push(frame)
             made = graph.pull()
-            planes = [
-                np.frombuffer(plane, np.uint16).reshape(view.height, -1)[:, : view.width] for plane in made.planes[:3]
-            ]
+            planes = [np.frombuffer(plane, np.uint16).reshape(_HEIGHT, -1)[:, :_WIDTH] for plane in made.planes[:3]]
             return (np.stack(planes, axis=-1)[..., [2, 0, 1]] / _CODES).astype(np.float32)
 
         yield f"FFmpeg v360, {interpolation}, 16 bits", work
 
 
-def _py360convert(panorama: Floats, view: Perspective) -> Iterator[tuple[str, Work]]:
+def _py360convert(panorama: Floats, yaw_deg: float, pitch_deg: float) -> Iterator[tuple[str, Work]]:
     try:
         from py360convert import e2p
     except ImportError:
         print("left out: py360convert is not installed (pip install py360convert)")
         return
-    tall = np.degrees(2.0 * np.arctan(np.tan(0.5 * np.radians(view.fov_deg)) * view.height / view.width))
     for mode in ("bilinear", "bicubic"):
 
         def work(mode: str = mode) -> Floats:
-            size = (view.height, view.width)
-            seen: Floats = e2p(panorama, (view.fov_deg, tall), view.yaw_deg, view.pitch_deg, size, mode=mode)
+            size = (_HEIGHT, _WIDTH)
+            seen: Floats = e2p(panorama, (_FOV_DEG, _TALL_DEG), yaw_deg, pitch_deg, size, mode=mode)
             return seen
 
         yield f"py360convert, {mode}", work
@@ -110,13 +109,13 @@ def compare(width: int) -> None:
     """Print errors and times of every program for every view."""
     of = pattern(width)
     panorama = of(directions(width, width // 2)).astype(np.float32)
-    for name, view in _VIEWS.items():
-        truth = of(view.directions())
+    for name, angles in _VIEWS.items():
+        truth = of(perspective(*angles, _FOV_DEG, _WIDTH, _HEIGHT).pixel_directions())
         level = float(np.sqrt(np.mean((truth - truth.mean()) ** 2)))
-        print(f"{name}: panorama {width} x {width // 2}, view {view.width} x {view.height}, {view.fov_deg:g} degrees")
+        print(f"{name}: panorama {width} x {width // 2}, view {_WIDTH} x {_HEIGHT}, {_FOV_DEG:g} degrees")
         print(f"  {'':32} {'error':>8} {'first ms':>9} {'next ms':>9}")
         for make in (_ours, _py360convert, _v360):
-            for what, work in make(panorama, view):
+            for what, work in make(panorama, *angles):
                 times, seen = [], truth
                 for _ in range(_RUNS):
                     began = time.process_time()

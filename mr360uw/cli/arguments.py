@@ -25,7 +25,7 @@ from mr360uw.base.input_files import unreadable
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
-    from mr360uw.preview.screen import Perspective
+    from mr360uw.types import View
 
 
 class Role(Enum):
@@ -118,11 +118,11 @@ def worker_count(text: str) -> int | Literal["auto"]:
     return int(text)
 
 
-def view_of(text: str | None, size: str) -> Perspective | None:
+def view_of(text: str | None, size: str) -> View | None:
     """Return the view of 'yaw,pitch,fov' in degrees, whose end may be left out, and of a size '1280x720'."""
     if text is None:
         return None
-    from mr360uw.preview.screen import Perspective
+    from mr360uw.preview.screen import perspective
 
     try:
         angles = [float(part) for part in text.split(",")]
@@ -134,7 +134,7 @@ def view_of(text: str | None, size: str) -> Perspective | None:
         ) from None
     if len(angles) > 3:
         raise ParameterError(f"--view - has too many numbers (got {text!r}) - write yaw,pitch,fov, as in 30,-10,75")
-    return Perspective(
+    return perspective(
         **dict(zip(("yaw_deg", "pitch_deg", "fov_deg"), angles, strict=False)), width=width, height=height
     )
 

@@ -35,7 +35,7 @@ from mr360uw.composite.tiles import even_tiles, places_in_mask, rectangles_of_ma
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import fast
 from mr360uw.medium.lookup import table_coordinate, transmittance_lookup
-from mr360uw.types import Floats, ImageSpread, Layer, Rectangle
+from mr360uw.types import BeamSpread, Floats, Layer, Rectangle
 
 _CELLS = 480
 """Most cells around the horizon: 0.75 degrees each."""
@@ -59,7 +59,7 @@ of 1 changes, near black."""
 
 
 def with_blur(
-    shot: Shot, spread: ImageSpread, layer: Layer, variables: Aovs | None, cache: Cache
+    shot: Shot, spread: BeamSpread, layer: Layer, variables: Aovs | None, cache: Cache
 ) -> tuple[Layer, Aovs | None]:
     """Return a shot's layer and output variables as the water blurs them. cache: holds what does not change."""
     view, medium = shot.view, shot.medium
@@ -131,7 +131,7 @@ def with_blur(
     return replace(layer, tiles=tuple(tiles)), variables
 
 
-def _by_distance(spread: ImageSpread, columns: int) -> NDArray[np.float32]:
+def _by_distance(spread: BeamSpread, columns: int) -> NDArray[np.float32]:
     """Return numbers (2 + k, `_NODES`, 3) of light that came over distances of `_NODE_M`; columns: of cells, around.
 
     Light with that which turned within the cone, over light without; fractions of it that stayed in their place, and

@@ -35,7 +35,7 @@ from mr360uw.first_look.proposal import (
     summary_line,
 )
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse
-from mr360uw.preview.screen import Perspective, look, narrowed, screen_picture
+from mr360uw.preview.screen import look, narrowed, perspective, screen_picture
 from mr360uw.render.check import possible_outputs
 from mr360uw.render.frame import Frame
 from mr360uw.render.loaded import Loaded
@@ -158,7 +158,7 @@ def _preview(frame: Frame, *, radiance: bool) -> Floats:
     for one, size in ((seen, weight), (seen[lowest], weight[lowest])):
         x, y, z = size @ one
         yaw, pitch = np.degrees([np.arctan2(x, -z), np.arctan2(y, np.hypot(x, z))]).tolist()
-        insets.append(look(light, Perspective(yaw, pitch, _INSET_DEG, width, 2 * width // 3)))
+        insets.append(look(light, perspective(yaw, pitch, _INSET_DEG, width, 2 * width // 3)))
     return np.concatenate([sphere, np.concatenate(insets, axis=1)])
 
 

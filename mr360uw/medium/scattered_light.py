@@ -33,7 +33,7 @@ from mr360uw.medium.phase import Phase, forward_cone, forward_peak, wide_angle_m
 from mr360uw.medium.ray_field import Sky, SurfaceKind, cosine_kernel
 from mr360uw.medium.spectra import Sensor
 from mr360uw.medium.water import Water
-from mr360uw.types import Array, BeamSpread, Floats, ImageSpread
+from mr360uw.types import Array, BeamSpread, Floats
 
 _STEP = 0.01
 """Interval of the sine of the sun's elevation in the water at which fields are solved: 0.3 % of the light."""
@@ -306,7 +306,7 @@ def beam_spread(phase: Phase, scattering: float) -> BeamSpread:
     return BeamSpread(scattering, _ANGLES_RAD, _DEPTHS, _weights(phase, cone=False))
 
 
-def image_spread(medium: Medium) -> ImageSpread | None:
+def image_spread(medium: Medium) -> BeamSpread | None:
     """Return how a medium, or the camera's layer, blurs pictures, by the light that turns within a cone; None as
     `spread_of`.
 
@@ -318,7 +318,7 @@ def image_spread(medium: Medium) -> ImageSpread | None:
     phase, light = medium.water.phase, np.maximum(medium.bands.weight, 0.0)
     peak = (medium.model.attenuation - medium.model.extinction) @ light / light.sum(axis=0)
     within = peak * forward_cone(phase)[2] / (1.0 - float(wide_angle_moments(phase, 1)[0]))
-    return ImageSpread(within, within - peak, _ANGLES_RAD, _DEPTHS, _weights(phase, cone=True))
+    return BeamSpread(within, _ANGLES_RAD, _DEPTHS, _weights(phase, cone=True), within - peak)
 
 
 # Light of open water by its azimuth from the sun, over the mean that the tables of a medium hold.

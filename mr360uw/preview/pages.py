@@ -25,14 +25,14 @@ from mr360uw.ibl.tilt import HorizonEstimate, clip_horizon, roll_pitch
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.plot import svg_plot
 from mr360uw.preview.live import LivePreview
-from mr360uw.preview.screen import Perspective, encoded, look, narrowed
+from mr360uw.preview.screen import encoded, look, narrowed
 from mr360uw.render.check import sun_lines
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.lights import plate_map
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.model import PlateSettings, Scene, at_scale, files_of, load_scene
 from mr360uw.scene.resolved import open_plate
-from mr360uw.types import Environment, Floats, Sun
+from mr360uw.types import Environment, Floats, Sun, View
 from mr360uw.video import VideoFrame
 from mr360uw.video.clip import WRITTEN_SUFFIXES
 from mr360uw.video.planes import codes_from_linear
@@ -51,7 +51,7 @@ def still_of(
     *,
     frame: int | None = None,
     time_s: float | None = None,
-    view: Perspective | None = None,
+    view: View | None = None,
 ) -> VideoFrame:
     """Return one composited frame of a scene's plate, the left eye's with the right one of two, or a view into it.
 
@@ -94,7 +94,7 @@ def save_still(
         write_picture(path, whole_frame(picture, plate.stereo))
 
 
-def _seen(picture: VideoFrame, view: Perspective) -> VideoFrame:
+def _seen(picture: VideoFrame, view: View) -> VideoFrame:
     """Return a view into a frame, in the frame's own codes."""
     light, spec = look(picture.image_linear, view), picture.spec
     values = light if spec.mapping is None else in_plate_primaries(light, spec)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
@@ -22,44 +21,28 @@ _MARGIN = 4
 """Pixels that are repeated around the panorama, for the cubic filter and the step over its seam."""
 
 
-@dataclass(frozen=True, slots=True)
-class Perspective:
-    """Direction and field of view of a picture without distortion.
+def perspective(
+    yaw_deg: float = 0.0, pitch_deg: float = 0.0, fov_deg: float = 75.0, width: int = 1280, height: int = 720
+) -> View:
+    """Return the view of an ordinary camera, without distortion, in a panorama's axes: it is pitched, then turned.
 
-    yaw_deg: of its centre, 0 = ahead, + = right. pitch_deg: + = up. fov_deg: from its left to its right edge.
+    yaw_deg: of its centre, 0 = ahead, + = right. pitch_deg: + = up. fov_deg: from its left to its right edge. Raises
+    `ParameterError`.
     """
-
-    yaw_deg: float = 0.0
-    pitch_deg: float = 0.0
-    fov_deg: float = 75.0
-    width: int = 1280
-    height: int = 720
-
-    def __post_init__(self) -> None:
-        for name, low, high, unit in (
-            ("yaw_deg", -360.0, 360.0, "deg"),
-            ("pitch_deg", -90.0, 90.0, "deg"),
-            ("fov_deg", 1.0, 150.0, "deg"),
-            ("width", 16, 16384, "pixels"),
-            ("height", 16, 16384, "pixels"),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ParameterError(f"view.{name} - must be in [{low:g}, {high:g}] {unit} (got {value}) - change it")
-
-    @property
-    def view(self) -> View:
-        """The view in the panorama's axes: its camera is pitched, then turned."""
-        rotation = yaw_matrix(math.radians(self.yaw_deg)) @ level_matrix(0.0, math.radians(self.pitch_deg))
-        fov_rad = math.radians(self.fov_deg)
-        return View(self.width, self.height, world_from_camera=rotation, projection="perspective", fov_rad=fov_rad)
-
-    def directions(self) -> Floats:
-        """Return the unit direction of every pixel's centre, (height, width, 3)."""
-        return self.view.directions(np.arange(self.width) + 0.5, (np.arange(self.height) + 0.5)[:, None])
+    for name, value, low, high, unit in (
+        ("yaw_deg", yaw_deg, -360.0, 360.0, "deg"),
+        ("pitch_deg", pitch_deg, -90.0, 90.0, "deg"),
+        ("fov_deg", fov_deg, 1.0, 150.0, "deg"),
+        ("width", width, 16, 16384, "pixels"),
+        ("height", height, 16, 16384, "pixels"),
+    ):
+        if not low <= value <= high:
+            raise ParameterError(f"view.{name} - must be in [{low:g}, {high:g}] {unit} (got {value}) - change it")
+    rotation = yaw_matrix(math.radians(yaw_deg)) @ level_matrix(0.0, math.radians(pitch_deg))
+    return View(width, height, world_from_camera=rotation, projection="perspective", fov_rad=math.radians(fov_deg))
 
 
-def look(panorama: Floats, view: Perspective) -> Floats:
+def look(panorama: Floats, view: View) -> Floats:
     """Return the view (height, width, 3) float32 of a panorama (H, 2 H, 3) of linear light.
 
     Cubic interpolation; where the view is coarser than the panorama, the panorama is reduced first. Values are not
@@ -67,13 +50,13 @@ def look(panorama: Floats, view: Perspective) -> Floats:
     """
     import cv2
 
-    factor = min(1.0, (np.pi / panorama.shape[0]) / view.view.pixel_rad)  # at the centre, where pixels are largest
+    factor = min(1.0, (np.pi / panorama.shape[0]) / view.pixel_rad)  # at the centre, where pixels are largest
     image = np.asarray(panorama, np.float32)
     if factor < 1.0:
         rows = max(8, round(factor * panorama.shape[0]))
         image = np.asarray(cv2.resize(image, (2 * rows, rows), interpolation=cv2.INTER_AREA))
     height, width = image.shape[:2]
-    x, y = frame_from_direction(view.directions(), width, height)
+    x, y = frame_from_direction(view.pixel_directions(), width, height)
     # beyond a pole a panorama goes on half a turn away
     over = np.roll(image, width // 2, axis=1)
     tall = np.concatenate([over[:_MARGIN][::-1], image, over[-_MARGIN:][::-1]])

@@ -267,7 +267,7 @@ class Situation:
 # The viewer: an element of the tuning page that shows a picture, flat or around the viewer, and takes clicks on it.
 #
 # Angles are longitude and latitude [rad] in the camera's axes (`base.sphere`), but for the look-around view, which
-# is given as `preview.screen.Perspective` has it, in degrees. The browser's side is viewer.js.
+# is given as `preview.screen.perspective` has it, in degrees. The browser's side is viewer.js.
 
 Phase = Literal["start", "move", "end", "cancel"]
 Compare = Literal["none", "wipe", "side"]

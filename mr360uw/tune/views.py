@@ -326,7 +326,7 @@ def _water_picture(shown: ShownFrame) -> Codes:
     if shown.frame.medium is None:
         return message("there is no water: water.type is none, or nothing in this frame needs it", shown.palette)
     view = shown.view_of(_SMOOTH_WIDTH)
-    direction = view.directions(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])
+    direction = view.pixel_directions()
     veil = veil_ahead(shown.frame.medium, np.full(direction.shape[:-1], _FAR_M), direction)
     return _quantized(np.clip(encode(np.maximum(veil, 0.0), "srgb"), 0.0, 1.0))
 

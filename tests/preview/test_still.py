@@ -17,7 +17,7 @@ from mr360uw.cli import app
 from mr360uw.cli.arguments import variants, view_of
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.pages import LARGEST_SHEET, still_of
-from mr360uw.preview.screen import Perspective, look
+from mr360uw.preview.screen import look, perspective
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import Scene, at_scale, load_scene
 from mr360uw.scene.resolved import open_plate
@@ -47,27 +47,27 @@ def run(*words: str | Path) -> str:
 
 
 def test_a_view_looks_where_it_says() -> None:
-    view = Perspective(30.0, -20.0, 90.0, 65, 65)
-    ray = view.directions()
+    view = perspective(30.0, -20.0, 90.0, 65, 65)
+    ray = view.pixel_directions()
     np.testing.assert_allclose(ray[32, 32], direction_from_angles(np.radians(30.0), np.radians(-20.0)), atol=1e-12)
     edge = np.tan(np.radians(45.0)) * 64 / 65  # centre of the outermost pixel
     np.testing.assert_allclose(ray[32, 0] @ ray[32, 64], (1 - edge**2) / (1 + edge**2), atol=1e-12)
     assert ray[0, 32, 1] > ray[64, 32, 1]
-    level = Perspective(0.0, 0.0, 90.0, 65, 65).directions()
+    level = perspective(0.0, 0.0, 90.0, 65, 65).pixel_directions()
     assert level[32, 64, 0] > 0.0
 
 
 @pytest.mark.parametrize("pitch_deg", [0.0, 90.0, -90.0])
 def test_a_smooth_panorama_is_seen_through_seam_and_poles(pitch_deg: float) -> None:
     panorama = (0.5 + 0.4 * directions(256, 128)).astype(np.float32)
-    view = Perspective(180.0, pitch_deg, 100.0, 160, 120)
+    view = perspective(180.0, pitch_deg, 100.0, 160, 120)
     # OpenCV places samples to 1/32 pixel, and its cubic filter does not return a slope exactly
-    np.testing.assert_allclose(look(panorama, view), 0.5 + 0.4 * view.directions(), atol=0.25 * CODE)
+    np.testing.assert_allclose(look(panorama, view), 0.5 + 0.4 * view.pixel_directions(), atol=0.25 * CODE)
 
 
 def test_a_coarse_view_is_the_mean_of_what_it_covers(rng: np.random.Generator) -> None:
     panorama = rng.uniform(0.0, 1.0, (512, 1024, 3)).astype(np.float32)
-    seen = look(panorama, Perspective(0.0, 0.0, 90.0, 32, 32))
+    seen = look(panorama, perspective(0.0, 0.0, 90.0, 32, 32))
     # about 5 x 5 pixels of deviation 0.29 in each; a point sample would keep 0.29
     assert seen.std() < 0.12
 

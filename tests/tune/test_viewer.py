@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mr360uw.preview.screen import Perspective
+from mr360uw.preview.screen import perspective
 from mr360uw.tune import placing
 from mr360uw.tune.placing import Point
 from tests.tune.browser import chromium, served, started
@@ -222,13 +222,13 @@ def test_looking_around_turns_the_view_and_clicks_land_within_a_pixel(shown: Pag
     assert view["fov_deg"] > 91.0
     box = shown.canvas()
     size = round(box["width"]), round(box["height"])
-    look = Perspective(view["yaw_deg"], view["pitch_deg"], view["fov_deg"], *size)
+    look = perspective(view["yaw_deg"], view["pitch_deg"], view["fov_deg"], *size)
     for x, y in ((size[0] / 2, size[1] / 2), (70.5, 40.5), (size[0] - 60.5, size[1] - 30.5)):
         shown.forget()
         shown.page.mouse.click(box["x"] + x, box["y"] + y)
         (told,) = shown.until("pick")
-        beside = np.linalg.norm(Point(told["longitude"], told["latitude"]).direction - look.view.directions(x, y))
-        assert beside < 2.0 * np.tan(np.radians(0.5 * look.fov_deg)) / look.width  # a pixel in the middle, the widest
+        beside = np.linalg.norm(Point(told["longitude"], told["latitude"]).direction - look.directions(x, y))
+        assert beside < look.pixel_rad  # a pixel in the middle, the widest
         shown.shows(x, y, told)
     # the view stays when the picture changes, and returns on 0
     shown.do("viewer", "show", url="/picture/90.png")
