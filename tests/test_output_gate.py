@@ -6,7 +6,7 @@ from __future__ import annotations
 import inspect
 import os
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import pytest
 import typer
@@ -22,7 +22,7 @@ from mr360uw.base.files import (
     make_work_folder,
     remove_work_folder,
 )
-from mr360uw.cli.arguments import Role, roles_of
+from mr360uw.cli.arguments import Role, options_of, roles_of
 from mr360uw.errors import OutputError, OutputExistsError
 
 COMMANDS = {info.callback.__name__: inspect.unwrap(info.callback) for info in cli.app.registered_commands}
@@ -36,8 +36,9 @@ def test_every_file_of_the_command_line_is_declared_and_every_written_one_passes
         with subtests.test(name):
             command = COMMANDS[name]
             roles = dict(roles_of(command))
-            paths = [one for one, hint in get_type_hints(command).items() if hint in (Path, Path | None)]
-            assert set(paths) <= set(roles), "a path without a role"
+            kinds = {one.name: getattr(one.annotation, "__origin__", one.annotation) for one in options_of(command)}
+            paths = {one for one, kind in kinds.items() if kind in (Path, Path | None)}
+            assert paths <= set(roles), "a path without a role"
             registered = next(info.callback for info in cli.app.registered_commands if info.callback.__name__ == name)
             (tmp_path / "mine").write_text("mine")
             for written in (one for one, role in roles.items() if role is not Role.READ):

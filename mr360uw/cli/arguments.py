@@ -8,6 +8,7 @@ Every file that the command line names is declared as read or written, and what 
 from __future__ import annotations
 
 import functools
+import inspect
 import itertools
 import json
 import math
@@ -42,6 +43,7 @@ def gated(command: Callable[..., None]) -> Callable[..., None]:
     Before that `ParameterError` names every input that is a device, a pipe or a socket: to open one may wait for ever.
 
     Commands whose outputs have other names than the given ones, or whose scene names more inputs, check these too.
+    Options that belong together are a parameter whose type is a dataclass of them.
     """
 
     @functools.wraps(command)
@@ -55,9 +57,23 @@ def gated(command: Callable[..., None]) -> Callable[..., None]:
         check_outputs(
             paths[Role.WRITTEN], inputs=paths[Role.READ], overwrite=values.get("overwrite", False) or not writes
         )
+        groups: dict[str, Any] = {name: kind for name, kind in get_type_hints(command).items() if is_dataclass(kind)}
+        for name, kind in groups.items():
+            values[name] = kind(**{one.name: values.pop(one.name) for one in fields(kind)})
         command(**values)
 
+    checked.__signature__, checked.__annotations__ = inspect.Signature(list(options_of(command))), {}  # type: ignore[attr-defined]
     return checked
+
+
+def options_of(command: Callable[..., Any]) -> Iterator[inspect.Parameter]:
+    """Yield the arguments and options of a command, those of a dataclass one by one."""
+    hints = get_type_hints(command, include_extras=True)
+    for name, one in inspect.signature(command).parameters.items():
+        if is_dataclass(hints[name]):
+            yield from options_of(hints[name])
+        else:
+            yield one.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)
 
 
 def _check_read(paths: Sequence[Path]) -> None:
@@ -69,8 +85,8 @@ def _check_read(paths: Sequence[Path]) -> None:
 
 def roles_of(command: Callable[..., None]) -> Iterator[tuple[str, Role]]:
     """Yield the parameters of a command that name files, with what is done with these."""
-    for name, hint in get_type_hints(command, include_extras=True).items():
-        yield from ((name, role) for role in get_args(hint)[1:] if isinstance(role, Role))
+    for one in options_of(command):
+        yield from ((one.name, role) for role in get_args(one.annotation)[1:] if isinstance(role, Role))
 
 
 SceneArgument = Annotated[Path, typer.Argument(help="scene file (TOML)", show_default=False), Role.READ]
@@ -84,6 +100,7 @@ SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="override one key of the scene, as in --set camera.depth_m=8")
 ]
 ScaleOption = Annotated[float | None, typer.Option(help="size over the plate's, for drafts, as in 0.25")]
+ProgressOption = Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")]
 FrameOption = Annotated[int | None, typer.Option(help="number of the frame; default: the first")]
 TimeOption = Annotated[float | None, typer.Option("--time", help="seconds from the start, instead")]
 ViewOption = Annotated[str | None, typer.Option(help="yaw,pitch,fov in degrees; default: the whole panorama")]

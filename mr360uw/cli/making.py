@@ -6,19 +6,69 @@ from __future__ import annotations
 import gc
 import threading
 import webbrowser
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 import typer
 
-from mr360uw.cli.arguments import BackendOption, EyeOption, JsonOption, OverwriteOption, Role, Said
+from mr360uw.cli.arguments import BackendOption, EyeOption, JsonOption, OverwriteOption, ProgressOption, Role, Said
 from mr360uw.errors import Mr360uwError, ParameterError, install_command, installed
 
 if TYPE_CHECKING:
+    from mr360uw.composite.mesh.up_axis import Habit
+    from mr360uw.first_look.place_in_plate import Wish
+    from mr360uw.sample import DiveSettings
     from mr360uw.track.camera_track import Measure
 
 
 _NEEDED = ("nicegui", "tomlkit")
+
+
+@dataclass(frozen=True, slots=True)
+class WishOptions:
+    """What is wished for an object, and known of the files, in place of guesses."""
+
+    at: Annotated[
+        str | None, typer.Option(help="direction of its foot, or of its middle where it swims: azimuth,elevation")
+    ] = None
+    stand: Annotated[bool, typer.Option("--stand", help="on the ground, whatever its name says")] = False
+    swim: Annotated[bool, typer.Option("--swim", help="off the ground, whatever its name says")] = False
+    size: Annotated[float | None, typer.Option(help="of its longest side, in metres")] = None
+    water: Annotated[bool, typer.Option("--water", help="VIDEO is under water, whatever it looks like")] = False
+    air: Annotated[bool, typer.Option("--air", help="VIDEO is in air, whatever it looks like")] = False
+    up: Annotated[str, typer.Option(help="axis of MESH that is up: auto, y, z, x, -y, -z or -x")] = "auto"
+    track: Annotated[
+        Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it; auto: solve it"), Role.READ
+    ] = None
+    depth: Annotated[
+        Path | None, typer.Option(help="folder of the plate's distances, as `mr360uw depth` writes them"), Role.READ
+    ] = None
+    eye: EyeOption = None
+
+    def wish(self) -> Wish:
+        """Return them as values; raise `ParameterError` where they contradict each other or are none."""
+        from mr360uw.composite.mesh.up_axis import Up
+        from mr360uw.first_look.place_in_plate import Wish
+
+        if self.stand and self.swim:
+            raise ParameterError("--stand, --swim - exclude each other (got both) - give one of them")
+        if self.water and self.air:
+            raise ParameterError("--water, --air - exclude each other (got both) - give one of them")
+        if self.up not in get_args(Up):
+            raise ParameterError(f"--up - is no axis (got {self.up!r}) - give one of {', '.join(get_args(Up))}")
+        direction = None
+        if self.at is not None:
+            try:
+                azimuth, elevation = (float(part) for part in self.at.split(","))
+            except ValueError:
+                raise ParameterError(
+                    f"--at - is no direction (got {self.at!r}) - write azimuth,elevation in degrees, as in 30,-25"
+                ) from None
+            direction = azimuth, elevation
+        habit: Habit | None = "stands" if self.stand else "swims" if self.swim else None
+        underwater = self.water if self.water or self.air else None
+        return Wish(direction, habit, self.size, cast("Up", self.up), self.eye, underwater, self.track, self.depth)
 
 
 def new(
@@ -27,55 +77,22 @@ def new(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml"), Role.WRITTEN
     ] = None,
-    at: Annotated[
-        str | None, typer.Option(help="direction of its foot, or of its middle where it swims: azimuth,elevation")
-    ] = None,
-    stand: Annotated[bool, typer.Option("--stand", help="on the ground, whatever its name says")] = False,
-    swim: Annotated[bool, typer.Option("--swim", help="off the ground, whatever its name says")] = False,
-    size: Annotated[float | None, typer.Option(help="of its longest side, in metres")] = None,
-    water: Annotated[bool, typer.Option("--water", help="VIDEO is under water, whatever it looks like")] = False,
-    air: Annotated[bool, typer.Option("--air", help="VIDEO is in air, whatever it looks like")] = False,
-    up: Annotated[str, typer.Option(help="axis of MESH that is up: auto, y, z, x, -y, -z or -x")] = "auto",
-    track: Annotated[
-        Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it; auto: solve it"), Role.READ
-    ] = None,
-    depth: Annotated[
-        Path | None, typer.Option(help="folder of the plate's distances, as `mr360uw depth` writes them"), Role.READ
-    ] = None,
-    eye: EyeOption = None,
+    *,
+    wish: WishOptions,
     backend: BackendOption = "auto",
     overwrite: OverwriteOption = False,
     outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
     """Look at VIDEO and MESH, and write a scene that puts one into the other, with a preview; say what was guessed."""
     from mr360uw.base.progress import terminal_progress
-    from mr360uw.composite.mesh.up_axis import Up
     from mr360uw.first_look.first_scene import make_first_scene
-    from mr360uw.first_look.place_in_plate import Wish
 
-    if stand and swim:
-        raise ParameterError("--stand, --swim - exclude each other (got both) - give one of them")
-    if water and air:
-        raise ParameterError("--water, --air - exclude each other (got both) - give one of them")
-    if up not in get_args(Up):
-        raise ParameterError(f"--up - is no axis (got {up!r}) - give one of {', '.join(get_args(Up))}")
-    direction = None
-    if at is not None:
-        try:
-            azimuth, elevation = (float(part) for part in at.split(","))
-        except ValueError:
-            raise ParameterError(
-                f"--at - is no direction (got {at!r}) - write azimuth,elevation in degrees, as in 30,-25"
-            ) from None
-        direction = azimuth, elevation
-    wish = Wish(
-        direction, "stands" if stand else "swims" if swim else None, size, cast("Up", up), eye,
-        water if water or air else None, track, depth,
-    )  # fmt: skip
+    wished = wish.wish()
     with terminal_progress() as progress:
         _, lines, commands = make_first_scene(
-            video, mesh, out, wish, overwrite=overwrite, outside_files=outside_files, backend=backend, progress=progress
-        )
+            video, mesh, out, wished, overwrite=overwrite, outside_files=outside_files, backend=backend,
+            progress=progress,
+        )  # fmt: skip
     typer.echo("\n".join([*lines, *commands]))
 
 
@@ -129,46 +146,61 @@ def tune(
         return
 
 
-def sample(
-    folder: Annotated[Path, typer.Argument(help="folder to make"), Role.FOLDER],
+@dataclass(frozen=True, slots=True)
+class DiveOptions:
+    """Parameters of a synthetic dive; None is that of the preset."""
+
     preset: Annotated[
         str | None, typer.Option(help="reef, lagoon, blue, coast, green, dusk or storm; options override it")
-    ] = None,
+    ] = None
+    seed: Annotated[int | None, typer.Option(help="seed of waves, floor and noise")] = None
+    water: Annotated[str | None, typer.Option(help="Jerlov type of the water")] = None
+    depth: Annotated[float | None, typer.Option(help="depth of the camera in metres")] = None
+    floor: Annotated[float | None, typer.Option(help="depth of the floor in metres; default: 3.5 below")] = None
+    sky: Annotated[str | None, typer.Option(help="clear, even or overcast")] = None
+    sky_map: Annotated[str | None, typer.Option(help="HDR picture of the sky, with its sun"), Role.READ] = None
+    sun_elevation: Annotated[float | None, typer.Option(help="of the sun above the surface, in degrees")] = None
+    sun_azimuth: Annotated[float | None, typer.Option(help="of the sun, 0 = ahead, + = right, in degrees")] = None
+    wind: Annotated[float | None, typer.Option(help="speed of the wind in m/s")] = None
+    speed: Annotated[float | None, typer.Option(help="speed in m/s at which the camera swims ahead")] = None
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="any parameter of the dive, as in --set rocks=0.3 (docs/sample.md)"),
+    ] = None
+
+    def settings(self) -> DiveSettings:
+        """Return the dive's settings; raise `ParameterError` with a line for each problem."""
+        from mr360uw.sample import DiveSettings
+        from mr360uw.scene.toml_model import override
+
+        named = {
+            "seed": self.seed, "water": self.water, "depth_m": self.depth, "floor_m": self.floor, "sky": self.sky,
+            "sky_map": self.sky_map, "sun_elevation_deg": self.sun_elevation, "sun_azimuth_deg": self.sun_azimuth,
+            "wind_m_s": self.wind, "speed_m_s": self.speed,
+        }  # fmt: skip
+        options: dict[str, Any] = {name: value for name, value in named.items() if value is not None}
+        for text in self.overrides or ():
+            override(options, text)
+        return DiveSettings.of(self.preset, **options)
+
+
+def sample(
+    folder: Annotated[Path, typer.Argument(help="folder to make"), Role.FOLDER],
     width: Annotated[int, typer.Option(help="frame width in pixels; the height is half of it")] = 1024,
     frames: Annotated[int, typer.Option(help="number of frames")] = 48,
     samples: Annotated[int, typer.Option(help="rays of a pixel along each axis, 1 to 8")] = 1,
     truth: Annotated[bool, typer.Option("--truth", help="distances and masks of every frame")] = False,
-    seed: Annotated[int | None, typer.Option(help="seed of waves, floor and noise")] = None,
-    water: Annotated[str | None, typer.Option(help="Jerlov type of the water")] = None,
-    depth: Annotated[float | None, typer.Option(help="depth of the camera in metres")] = None,
-    floor: Annotated[float | None, typer.Option(help="depth of the floor in metres; default: 3.5 below")] = None,
-    sky: Annotated[str | None, typer.Option(help="clear, even or overcast")] = None,
-    sky_map: Annotated[str | None, typer.Option(help="HDR picture of the sky, with its sun"), Role.READ] = None,
-    sun_elevation: Annotated[float | None, typer.Option(help="of the sun above the surface, in degrees")] = None,
-    sun_azimuth: Annotated[float | None, typer.Option(help="of the sun, 0 = ahead, + = right, in degrees")] = None,
-    wind: Annotated[float | None, typer.Option(help="speed of the wind in m/s")] = None,
-    speed: Annotated[float | None, typer.Option(help="speed in m/s at which the camera swims ahead")] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="any parameter of the dive, as in --set rocks=0.3 (docs/sample.md)"),
-    ] = None,
+    *,
+    dive: DiveOptions,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a synthetic 360 dive: plate with sound, whale, truth, and a scene file that puts one into the other."""
     from mr360uw.base.progress import terminal_progress
-    from mr360uw.sample import DiveSettings, check_recording, sample_dive
-    from mr360uw.scene.toml_model import override
+    from mr360uw.sample import check_recording, sample_dive
 
-    named = {
-        "seed": seed, "water": water, "depth_m": depth, "floor_m": floor, "sky": sky, "sky_map": sky_map,
-        "sun_elevation_deg": sun_elevation, "sun_azimuth_deg": sun_azimuth, "wind_m_s": wind, "speed_m_s": speed,
-    }  # fmt: skip
-    options: dict[str, Any] = {name: value for name, value in named.items() if value is not None}
-    for text in overrides or ():
-        override(options, text)
     wrong, settings = [], None
     try:
-        settings = DiveSettings.of(preset, **options)
+        settings = dive.settings()
     except ParameterError as error:
         wrong.append(str(error))
     try:
@@ -178,11 +210,11 @@ def sample(
     if wrong:
         raise ParameterError("\n".join(wrong))
     with terminal_progress() as progress:
-        dive = sample_dive(
+        made = sample_dive(
             folder, settings, width=width, frames=frames, samples=samples, truth=truth, overwrite=overwrite,
             progress=progress,
         )  # fmt: skip
-    typer.echo(f"wrote {dive.plate}\n      {dive.mesh}\n      {dive.scene}\n      {dive.truth}")
+    typer.echo(f"wrote {made.plate}\n      {made.mesh}\n      {made.scene}\n      {made.truth}")
 
 
 def track(
@@ -279,7 +311,7 @@ def depth(
         float | None, typer.Option(help="metres between the eyes, for --eye both; default: 0.064, as camera.ipd_m")
     ] = None,
     overwrite: OverwriteOption = False,
-    progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
+    progress_lines: ProgressOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write distances and confidences of all frames of VIDEO, as numbered EXR files; a stopped run goes on."""

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -15,6 +16,7 @@ from mr360uw.cli.arguments import (
     FramesOption,
     JsonOption,
     OverwriteOption,
+    ProgressOption,
     Role,
     Said,
     ScaleOption,
@@ -30,31 +32,41 @@ from mr360uw.cli.arguments import (
 )
 from mr360uw.errors import ParameterError, SceneError
 
+if TYPE_CHECKING:
+    from mr360uw.preview.pages import Still
 
-def composite(
-    scene: SceneArgument,
-    out: Annotated[Path, typer.Argument(help="video, still or numbered images (out_%04d.exr) to write"), Role.WRITTEN],
-    frames: FramesOption = None,
-    backend: BackendOption = "auto",
-    overrides: SetOption = None,
-    scale: ScaleOption = None,
-    overwrite: OverwriteOption = False,
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """Which frames a composite makes, how, and what it writes beside its output."""
+
+    frames: FramesOption = None
+    backend: BackendOption = "auto"
+    overwrite: OverwriteOption = False
     layers: Annotated[
         Path | None, typer.Option(help="also write multi-part EXR layers, as in layers_%04d.exr"), Role.WRITTEN
-    ] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="use nothing of earlier runs")] = False,
-    workers: Annotated[str, typer.Option(help="processes that render, or auto")] = "1",
-    dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, as in tcp://farm:8786")] = None,
-    mixed: Annotated[bool, typer.Option("--mixed", help="let workers without OpenGL use the reference")] = False,
+    ] = None
+    fresh: Annotated[bool, typer.Option("--fresh", help="use nothing of earlier runs")] = False
+    workers: Annotated[str, typer.Option(help="processes that render, or auto")] = "1"
+    dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, as in tcp://farm:8786")] = None
+    mixed: Annotated[bool, typer.Option("--mixed", help="let workers without OpenGL use the reference")] = False
     report_file: Annotated[
         Path | None,
         typer.Option("--report", help="JSON file of settings, versions and times; default: OUT.json"),
         Role.WRITTEN,
-    ] = None,
-    no_report: Annotated[bool, typer.Option("--no-report", help="write no report")] = False,
+    ] = None
+    no_report: Annotated[bool, typer.Option("--no-report", help="write no report")] = False
+    progress_lines: ProgressOption = False
+
+
+def composite(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Argument(help="video, still or numbered images (out_%04d.exr) to write"), Role.WRITTEN],
+    run: RunOptions,
+    overrides: SetOption = None,
+    scale: ScaleOption = None,
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
     measure: Annotated[bool, typer.Option("--measure", help="with --explain: also time the stages of a frame")] = False,
-    progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
     from mr360uw.base.progress import terminal_progress
@@ -63,49 +75,60 @@ def composite(
     from mr360uw.runs.pipeline import composite_video
     from mr360uw.scene.model import at_scale, load_scene
 
-    if report_file is not None and no_report:
+    if run.report_file is not None and run.no_report:
         raise ParameterError("--no-report - contradicts --report (got both) - give one of them")
     if measure and not explain:
         raise ParameterError("--measure - times the stages that --explain lists (got it alone) - give both")
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
     if explain:
-        typer.echo(explain_plan(loaded, backend))
+        typer.echo(explain_plan(loaded, run.backend))
         if measure:
-            typer.echo(explain_costs(loaded, backend))
+            typer.echo(explain_costs(loaded, run.backend))
         typer.echo(f"nothing was written to {out}: --explain says what would run")
         return
-    report_file = None if no_report else report_file or report_beside(out)
     compile_first()
-    with terminal_progress(lines=progress_lines) as progress:
+    with terminal_progress(lines=run.progress_lines) as progress:
         report = composite_video(
-            loaded, out, frames=frame_range(frames), backend=backend, overwrite=overwrite, layers=layers,
-            progress=progress, tell=typer.echo, fresh=fresh, workers=worker_count(workers),
-            cluster=dask, mixed=mixed, report=report_file,
+            loaded, out, frames=frame_range(run.frames), backend=run.backend, overwrite=run.overwrite,
+            layers=run.layers, progress=progress, tell=typer.echo, fresh=run.fresh, workers=worker_count(run.workers),
+            cluster=run.dask, mixed=run.mixed,
+            report=None if run.no_report else run.report_file or report_beside(out),
         )  # fmt: skip
     typer.echo(str(report))
+
+
+@dataclass(frozen=True, slots=True)
+class PictureOptions:
+    """Which frame is shown, how much of it, how large, and by which renderer."""
+
+    frame: FrameOption = None
+    time_s: TimeOption = None
+    view: ViewOption = None
+    size: SizeOption = "1280x720"
+    scale: ScaleOption = None
+    backend: BackendOption = "auto"
+    overwrite: OverwriteOption = False
+
+    def still(self) -> Still:
+        """Return the function that makes the picture."""
+        from mr360uw.preview.pages import still_of
+
+        return partial(still_of, frame=self.frame, time_s=self.time_s, view=view_of(self.view, self.size))
 
 
 def still(
     scene: SceneArgument,
     out: Annotated[Path, typer.Argument(help="picture to write: .png, .jpg, .exr"), Role.WRITTEN],
-    frame: FrameOption = None,
-    time_s: TimeOption = None,
-    view: ViewOption = None,
-    size: SizeOption = "1280x720",
-    scale: ScaleOption = None,
-    backend: BackendOption = "auto",
+    picture: PictureOptions,
     overrides: SetOption = None,
-    overwrite: OverwriteOption = False,
 ) -> None:
     """Write one frame of SCENE, whole or as a view into it; its light is measured in that frame alone."""
-    from mr360uw.preview.pages import save_still, still_of
+    from mr360uw.preview.pages import save_still
     from mr360uw.scene.model import at_scale, load_scene
 
-    loaded = at_scale(load_scene(scene, overrides or ()), scale)
-    seen = view_of(view, size)
+    loaded, shown = at_scale(load_scene(scene, overrides or ()), picture.scale), picture.still()
     compile_first()
-    shown = partial(still_of, frame=frame, time_s=time_s, view=seen)
-    save_still(out, loaded, shown, backend=backend, overwrite=overwrite)
+    save_still(out, loaded, shown, backend=picture.backend, overwrite=picture.overwrite)
     typer.echo(f"wrote {out}")
 
 
@@ -115,23 +138,16 @@ def sweep(
         Path, typer.Argument(help="sheet to write: .png or .jpg; a page .html goes beside it"), Role.WRITTEN
     ],
     overrides: Annotated[list[str], typer.Option("--set", help="key and its values, as in --set sea.wind_speed=2,4,8")],
-    frame: FrameOption = None,
-    time_s: TimeOption = None,
-    view: ViewOption = None,
-    size: SizeOption = "1280x720",
-    scale: ScaleOption = None,
-    backend: BackendOption = "auto",
-    overwrite: OverwriteOption = False,
+    picture: PictureOptions,
 ) -> None:
     """Render one frame of SCENE with every combination of values, side by side on a labelled sheet."""
     from mr360uw.base.progress import terminal_progress
-    from mr360uw.preview.pages import still_of
     from mr360uw.preview.pages import sweep as write_sweep
 
-    changes, shown = variants(overrides), partial(still_of, frame=frame, time_s=time_s, view=view_of(view, size))
+    changes, shown = variants(overrides), picture.still()
     with terminal_progress() as progress:
         written = write_sweep(
-            scene, out, changes, shown, scale=scale, backend=backend, overwrite=overwrite,
+            scene, out, changes, shown, scale=picture.scale, backend=picture.backend, overwrite=picture.overwrite,
             progress=progress,
         )  # fmt: skip
     typer.echo("wrote " + "\n      ".join(str(path) for path in written))
@@ -145,7 +161,7 @@ def aerial(
     frames: FramesOption = None,
     overrides: SetOption = None,
     overwrite: OverwriteOption = False,
-    progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
+    progress_lines: ProgressOption = False,
 ) -> None:
     """Write what a camera in the air sees of a shallow sea: SCENE has tables of its own, see docs/aerial.md."""
     from mr360uw.base.progress import terminal_progress
