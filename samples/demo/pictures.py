@@ -14,17 +14,17 @@ from PIL import Image
 
 import mr360uw as uw
 from mr360uw.base.color import encode
-from mr360uw.preview.screen import Perspective, look
-from mr360uw.types import Floats
+from mr360uw.preview.screen import look, perspective
+from mr360uw.types import Floats, View
 
 HERE = Path(__file__).resolve().parent
-VIEW = Perspective(yaw_deg=-2.0, pitch_deg=-8.0, fov_deg=100.0, width=800, height=450)
+VIEW = perspective(yaw_deg=-2.0, pitch_deg=-8.0, fov_deg=100.0, width=800, height=450)
 """Has about as many pixels to a degree as the clip."""
 WIPE = 0.7
 """Where composite and plate meet, as a fraction of the width: before the whale's flukes."""
 
 
-def first_view(path: Path, view: Perspective) -> Floats:
+def first_view(path: Path, view: View) -> Floats:
     """Return a view into the first frame of a video, linear light."""
     with uw.open_video(path) as video:
         return look(next(video.frames()).image_linear, view)
