@@ -60,7 +60,6 @@ def environment(
     glossy: bool = False,
     up: ArrayLike | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
-    clearness: float | None = None,
 ) -> Environment:
     """Return the light of a linear plate as small maps, its sun apart.
 
@@ -87,9 +86,6 @@ def environment(
         frame's axes for any `up`.
     refractive_index : float
         Index of the water, 1 to 4, which sets the width of Snell's window and of the sun's disc.
-    clearness : float, optional
-        Of the water above the camera, from 0 to 1, which is none: how far sun and sky are told apart as in air. Without
-        it, under water, they are taken to be equally strong.
 
     Returns
     -------
@@ -119,7 +115,7 @@ def environment(
     if expansion is not None:
         settings = LightSettings(**{**settings.model_dump(), "operator": expansion})
     linear = LinearPlate(checked_plate(plate), settings, upward(up), refractive_index)
-    return light_of(linear, settings, sun, underwater, glossy, clearness)
+    return light_of(linear, settings, sun, underwater, glossy)
 
 
 def light_of(
@@ -130,7 +126,11 @@ def light_of(
     glossy: bool = False,
     clearness: float | None = None,
 ) -> Environment:
-    """Return the light of a plate of any storage; see `environment`."""
+    """Return the light of a plate of any storage; see `environment`.
+
+    clearness: of the water above the camera, from 0 to 1, which is none: how far sun and sky are told apart as in air.
+    Without it, under water, they are taken to be equally strong.
+    """
     residual, found = _split(plate, settings, sun, underwater, clearness)
     return assemble(residual, found, GLOSSY_ROUGHNESS if glossy else ())
 
@@ -373,7 +373,6 @@ def environment_from_yuv(
     glossy: bool = False,
     up: ArrayLike | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
-    clearness: float | None = None,
 ) -> Environment:
     """Return the light of a decoded frame, 8 to 16 bit: that of `environment` of the same frame in linear light.
 
@@ -381,8 +380,7 @@ def environment_from_yuv(
     that expand are decoded in full first.
     """
     settings = settings or LightSettings()
-    plate = plate_of_yuv(yuv, settings, upward(up), refractive_index)
-    return light_of(plate, settings, sun, underwater, glossy, clearness)
+    return light_of(plate_of_yuv(yuv, settings, upward(up), refractive_index), settings, sun, underwater, glossy)
 
 
 def plate_of_yuv(

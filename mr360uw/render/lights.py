@@ -33,9 +33,9 @@ from mr360uw.base.color import luminance
 from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, MINIMUM_SUN_UP
 from mr360uw.base.sphere import direction_from_frame, directions, frame_from_direction
 from mr360uw.caustics import refract_to_water
-from mr360uw.ibl import LightSettings, environment, environment_from_yuv
+from mr360uw.ibl import LightSettings
 from mr360uw.ibl.filters import cosine_filter, glossy_levels
-from mr360uw.ibl.lighting import plate_of_yuv, sunlit
+from mr360uw.ibl.lighting import light_of, plate_of_yuv, sunlit
 from mr360uw.ibl.lookup import environment_lookup, reduce_map
 from mr360uw.ibl.plate import (
     COARSE_COLUMNS,
@@ -256,14 +256,13 @@ class EnvironmentReader:
             chosen = replace(chosen, direction=chosen.direction @ world_from_camera)
         elif isinstance(chosen, np.ndarray):
             chosen = chosen @ world_from_camera
-        options: Any = {
-            "underwater": self._table is not None, "refractive_index": self._water.refractive_index, "glossy": glossy,
-            "up": world_from_camera[1], "clearness": self._clearness,
-        }  # fmt: skip
-        if isinstance(plate, YuvImage):
-            found = environment_from_yuv(plate, self._settings, sun=chosen, **options)
-        else:
-            found = environment(plate, self._settings, sun=chosen, **options)
+        settings, up, index = self._settings, upward(world_from_camera[1]), self._water.refractive_index
+        read = (
+            plate_of_yuv(plate, settings, up, index)
+            if isinstance(plate, YuvImage)
+            else LinearPlate(checked_plate(plate), settings, up, index)
+        )
+        found = light_of(read, settings, chosen, self._table is not None, glossy, self._clearness)
         if found.sun is None or isinstance(chosen, Sun) or self._table is None:
             return found
         lit = self._water_colored(found, found.sun, world_from_camera[1])
