@@ -247,8 +247,8 @@ def scenes() -> dict[str, ShaftScene]:
     found = {}
     for name, (type_, elevation, wavy, bodies) in described.items():
         sun, medium = sun_at(elevation), water(type_)
-        found[name] = ShaftScene.of(VIEW, medium, sun, bodies, waves(sun, medium) if wavy else None)
-    found["IB, torch, two balls"] = ShaftScene.of(VIEW, water("IB"), None, PAIR, lamps=(TORCH,))
+        found[name] = ShaftScene.of(VIEW, medium, [sun], bodies, waves(sun, medium) if wavy else None)
+    found["IB, torch, two balls"] = ShaftScene.of(VIEW, water("IB"), [TORCH], PAIR)
     return found
 
 
@@ -305,7 +305,7 @@ def section_bands() -> None:
     """Three bands of averaged albedo and mean free path against all wavelengths, per channel."""
     for type_ in ("IA", "IB", "II", "1C", "3C", "7C"):
         sun, medium = sun_at(60.0), Medium(Water.jerlov(type_), camera_depth_m=DEPTH_M)  # type: ignore[arg-type]
-        scene = ShaftScene.of(VIEW, medium, sun, PAIR)
+        scene = ShaftScene.of(VIEW, medium, [sun], PAIR)
         directions = view_directions(VIEW)
         ends = ray_ends_m(VIEW, directions, DEPTH_M, scene.bodies, None)
         cheap = replace(scene, water=averaged(scene.water))
@@ -330,7 +330,7 @@ def section_cookie() -> None:
         for method in ("exact", "scrolling"):
             seen = {}
             for time_s in (0.0, 0.04, 0.2, *np.arange(1.0, 8.0)):
-                scene = ShaftScene.of(VIEW, medium, sun, (), waves(sun, medium, float(time_s), method))
+                scene = ShaftScene.of(VIEW, medium, [sun], (), waves(sun, medium, float(time_s), method))
                 ends = ray_ends(scene, directions)
                 seen[time_s] = shaft_field(scene, DEFAULT_GRID, directions).radiance(directions, ends)[:, 1]
             found[method] = seen

@@ -216,7 +216,7 @@ def _open_shafts(bench: Workbench) -> Workload:
         scene.sea, refract_to_air(_SUN.direction), stack_depths(0.2, 20.0, 12), 0.0,
         CausticSettings(size=256, grid=128), spread=spread_of(medium),
     )  # fmt: skip
-    shafts = ShaftScene.of(view, medium, _SUN, [whale], waves)
+    shafts = ShaftScene.of(view, medium, [_SUN], [whale], waves)
     column = np.arange(3 * _FRAME_WIDTH // 8, 5 * _FRAME_WIDTH // 8, _STRIDE) + 0.5
     row = np.arange(_FRAME_WIDTH // 6, _FRAME_WIDTH // 3, _STRIDE) + 0.5
     rays = np.asarray(view.directions(*(at.ravel() for at in np.meshgrid(column, row))), np.float64).reshape(-1, 3)

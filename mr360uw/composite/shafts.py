@@ -39,7 +39,7 @@ from mr360uw.medium.medium import Medium
 from mr360uw.medium.settings import LEAST_NODES, ShaftSettings
 from mr360uw.medium.shafts.shaft_field import FroxelGrid, shaft_field
 from mr360uw.medium.shafts.shaft_scene import ShaftScene, shaft_water, unoccluded
-from mr360uw.types import CausticStack, Floats, Lamp, Layer, MediumTable, Rectangle, View
+from mr360uw.types import CausticStack, Floats, Layer, MediumTable, Rectangle, View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -202,8 +202,7 @@ class ShaftInput(Parts):
     def scenes(self, shot: Shot, cache: Cache) -> tuple[ShaftScene, ShaftScene]:
         """Return the scenes of the water before the objects, and of that before the plate. cache: holds the bodies."""
         settings, bodies = self.settings, casting_bodies(shot, cache)
-        lamps = tuple(light for light in shot.lights if isinstance(light, Lamp))
-        before = ShaftScene.of(shot.view, self.medium, sun_of(shot), bodies, self.caustics, lamps, spread_rad(shot))
+        before = ShaftScene.of(shot.view, self.medium, shot.lights, bodies, self.caustics, spread_rad(shot))
         if settings.on_plate or before.pattern is None or self.caustics is None:
             return before, before
         still = replace(before.pattern, caustics=None)

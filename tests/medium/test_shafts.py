@@ -128,7 +128,7 @@ def test_the_grid_is_the_march_of_rays() -> None:
     stack = CausticStack(
         np.broadcast_to(ratio[None, :, :, None], (2, 32, 32, 3)).copy(), np.array([0.5, 20.0]), 12.0, SUN.direction
     )
-    scene = ShaftScene.of(VIEW, medium(), SUN, (), stack)
+    scene = ShaftScene.of(VIEW, medium(), [SUN], (), stack)
     directions = unit(np.random.default_rng(1).normal(size=(300, 3)))
     _, ends = scene.layout(directions[:, 1])
     ends = ends * np.linspace(0.05, 1.0, 300)
@@ -155,7 +155,7 @@ class Endless(Ball):
 def test_shadows_on_the_grid_are_those_of_rays(kind: type[Ball], lamps: tuple[Lamp, ...]) -> None:
     """Visibility by rays and by maps, of the sun and of a lamp."""
     body = kind(np.array([0.2, 1.0, -2.0]), 0.5)
-    scene = ShaftScene.of(VIEW, medium(), None if lamps else SUN, [body], None, lamps)
+    scene = ShaftScene.of(VIEW, medium(), lamps or [SUN], [body])
     towards = body.centre - 1.5 * SUN.direction
     directions = unit(towards + np.random.default_rng(2).normal(scale=0.6, size=(60, 3)))
     ends = np.minimum(body.distance(np.zeros((60, 3)), directions), 6.0)
@@ -165,7 +165,7 @@ def test_shadows_on_the_grid_are_those_of_rays(kind: type[Ball], lamps: tuple[La
 
 
 def test_the_grid_has_no_seam_and_no_poles() -> None:
-    scene = ShaftScene.of(VIEW, medium(), SUN, [BALL, Ball(np.array([0.2, 3.0, 2.0]), 0.7)])
+    scene = ShaftScene.of(VIEW, medium(), [SUN], [BALL, Ball(np.array([0.2, 3.0, 2.0]), 0.7)])
     field = shaft_field(scene, SMALL)
     latitude = np.linspace(-1.5, 1.5, 40)
     ends = np.full(40, 20.0)

@@ -20,7 +20,7 @@ MEDIUM = Medium(WATER, mode="kd", band_count=4)
 BANDS = medium.bands(4)
 VIEW, SUN = View(4, 2), Sun(np.array([0.6, 0.8, 0.0]), np.ones(3), 0.0, 1.0)
 GRID = FroxelGrid(2, 4, 3)
-SCENE = ShaftScene.of(VIEW, MEDIUM, SUN, [np.eye(3)[None]])
+SCENE = ShaftScene.of(VIEW, MEDIUM, [SUN], [np.eye(3)[None]])
 
 
 def radiance_map(height: int = 32, width: int = 64, channels: int = 3) -> np.ndarray:
@@ -121,7 +121,7 @@ REFUSED: Refused = {
     "single_scattering": lambda: medium.single_scattering(VIEW, filled(4), filled(3), "petzold", SUN),
     "single_scattering, end": lambda: medium.single_scattering(VIEW, 0.1, 0.1, "petzold", SUN, end_m=filled(4, 2)),
     "shaft_deviation": lambda: medium.shaft_deviation(VIEW, MEDIUM, SUN, [filled(5, 3)]),
-    "shaft_field": lambda: medium.shaft_field(ShaftScene.of(VIEW, MEDIUM, SUN, [filled(5, 2, 3)])),
+    "shaft_field": lambda: medium.shaft_field(ShaftScene.of(VIEW, MEDIUM, [SUN], [filled(5, 2, 3)])),
     "steady_gain, channels": lambda: medium.steady_gain(filled(9, 4), filled(9), filled(9), 25.0),
 }
 

@@ -338,13 +338,14 @@ def _across(slot: Any, middle: Any, radius: Any, deep: Any, slope: Any, tilt: An
 
 
 @borrowing
-def _between(columns: Any, slot: Any, size: Any, clear: Any, disc: Any, below: Any) -> Any:
+def _between(of_body: Any, disc: Any, below: Any) -> Any:
     """Return whether a body may hide part of a disc of light from part of a ball, and whether all of it from all of
     that.
 
-    columns: (4 n,) of its slot. disc: of `_across`. below: whether all of the ball is below the body.
+    of_body: its columns (4 n,), slot, size and clear, as `Visibility` has them. disc: of `_across`. below: whether all
+    of the ball is below the body.
     """
-    at_x, at_y, wide = disc
+    (columns, slot, size, clear), (at_x, at_y, wide) = of_body, disc
     # A filtered column is empty, or full, only if everything within a texel of that level is
     asked, level = wide * size / min(slot[2], slot[3]), size
     while level > SMALLEST // 2 and asked * level >= size:
@@ -379,12 +380,12 @@ def _find_hidden(places: Any, lights: Any, columns: Any, found: Any) -> None:
             below = slot[4] - z - radius
             disc = _across(slot, (x, y, z), radius, radius, (slope_x, slope_y), tilt, lights[widest, 2])
             if disc[2] >= 0.0:
-                part, whole = _between(values[body], slot, size, clear, disc, below >= 0.0)
+                part, whole = _between((values[body], slot, size, clear), disc, below >= 0.0)
             if part:
                 hidden, gap = max(hidden, 3.0 if whole else 2.0), min(gap, max(below, 0.0))
                 disc = _across(slot, (x, y, z), radius, radius, (slope_x, slope_y), tilt, lights[DISC, 2])
                 if disc[2] >= 0.0:
-                    part, whole = _between(values[body], slot, size, clear, disc, below >= 0.0)
+                    part, whole = _between((values[body], slot, size, clear), disc, below >= 0.0)
                     part_of_disc, all_of_disc = part_of_disc or part, all_of_disc or whole
         if hidden == 2.0 and (not part_of_disc or all_of_disc):
             hidden = 1.0
@@ -448,7 +449,7 @@ def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any,
                     disc = _across(slot, (x, y, z), wide, deep, (low_x, low_y), tilt, spread)
                     if disc[2] >= 0.0 and (z > 0.0 or not lamp):
                         below = slot[4] - z - deep >= 0.0
-                        near[body, count], whole = _between(values[body], slot, size, clear, disc, below)
+                        near[body, count], whole = _between((values[body], slot, size, clear), disc, below)
                         there, umbra = there or near[body, count], umbra or whole
                 seen[n, number] = 0.0 if umbra else 1.0
                 if there and not umbra:
@@ -476,7 +477,8 @@ def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any,
                         continue
                     _start(fan, (done, last, found), slot, numbers[3], feet, rays)
                     stride = _STRIDE if bent else _ONE
-                    _walk(values[body], slot, size, clear, found * (last - done), rays, stride, room, outcome)
+                    of_body = values[body], slot, size, clear
+                    _walk(of_body, found * (last - done), rays, stride, room, outcome)
                     # Of two bodies the larger counts where both are opaque
                     for k in range(last - done):
                         for m in range(found):
@@ -577,12 +579,11 @@ def _start(fan: Any, part: Any, slot: Any, widening: Any, feet: Any, rays: Any) 
 
 
 @inlined
-def _walk(
-    columns: Any, slot: Any, size: Any, clear: Any, rays: Any, of_rays: Any, stride: Any, room: Any, outcome: Any
-) -> None:
+def _walk(of_body: Any, rays: Any, of_rays: Any, stride: Any, room: Any, outcome: Any) -> None:
     """Set what a body blocks of a number of rays, most (rays,), the first of outcome; all of them take a step at a
-    time. of_rays: of `_start`. stride: length of a step, in widths of a ray.
+    time. of_body: as `_between` has it. of_rays: of `_start`. stride: length of a step, in widths of a ray.
     """
+    columns, slot, size, clear = of_body
     (x, y, z), (slope_x, slope_y, across), (h, until, widths), widening = of_rays
     (filled, top, bottom), (filled_a, top_a, bottom_a), (at, side), (fx, fy, _), of_level, four = room
     (wanted, per_texel, inside), (most, h_a, _) = of_level, outcome

@@ -267,7 +267,8 @@ def shaft_deviation(
     """
     if steps < 1:
         raise ParameterError(f"steps - must be 1 or more (got {steps}) - take more")
-    scene = ShaftScene.of(view, medium, sun, bodies, caustics, lamps, spread_rad, sun_samples)
+    lights = (*lamps, *(() if sun is None else (sun,)))
+    scene = ShaftScene.of(view, medium, lights, bodies, caustics, spread_rad, sun_samples)
     directions = view_directions(view)
     ends = ray_ends_m(view, directions, view.surface_y_m, scene.bodies, end_m)
     if scene.dark:

@@ -39,7 +39,7 @@ from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.phase import Mixture
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
 from mr360uw.medium.shafts.single_scattering import BeamPattern, camera_depth_m, lamp_segments, segment_points
-from mr360uw.types import Array, CausticStack, Floats, Lamp, Sun, View
+from mr360uw.types import Array, CausticStack, Floats, Lamp, Light, Sun, View
 
 SPREAD_RAD = float(np.radians(5.0))
 """Standard deviation of the directions of light that has turned by small angles, where no scene says it
@@ -80,27 +80,30 @@ class ShaftScene(Parts):
         cls,
         view: View,
         medium: Medium,
-        sun: Sun | None,
+        lights: Sequence[Light],
         bodies: Sequence[Any] | Bodies = (),
         caustics: CausticStack | None = None,
-        lamps: Sequence[Lamp] = (),
         spread_rad: float = SPREAD_RAD,
         sun_samples: int = SUN_SAMPLES,
     ) -> ShaftScene:
-        """Return the scene of a view; see `shaft_field.shaft_deviation` for the arguments. Raises `ParameterError`."""
+        """Return the scene of a view; see `shaft_field.shaft_deviation` for the arguments. Raises `ParameterError`.
+
+        lights: a sun, which counts above the horizon, and lamps.
+        """
         if sun_samples < 1 or not 0.0 <= spread_rad <= _WIDEST_RAD:
             raise ParameterError(
                 f"shafts - sun_samples must be 1 or more, spread_rad in [0, {_WIDEST_RAD:.3f}] (got {sun_samples}, "
                 f"{spread_rad}) - correct them"
             )
         solid, pattern = bodies_of(bodies), None
-        if sun is not None and sun.direction[1] > 0.0:
+        sun = next((light for light in lights if isinstance(light, Sun) and light.direction[1] > 0.0), None)
+        if sun is not None:
             exactly("sun.irradiance", sun.irradiance, (3,))
             pattern = BeamPattern(sun, solid, caustics, view.surface_y_m, sun_samples, spread_rad)
         return cls(
             shaft_water(medium), np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
             None if pattern is None or pattern.even else pattern,
-            tuple(lamp for lamp in lamps if np.any(lamp.intensity > 0.0)), medium.length_m,
+            tuple(one for one in lights if isinstance(one, Lamp) and np.any(one.intensity > 0.0)), medium.length_m,
         )  # fmt: skip
 
     @property
