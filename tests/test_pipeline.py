@@ -337,9 +337,8 @@ def test_a_gopro_clip_levels_the_plate(whale: Path, tmp_path: Path) -> None:
     plate = write_clip(tmp_path / "stitched.mp4", 30)
     track = level_track(scene_with(tmp_path, whale, plate=str(plate), camera={"gravity": str(clip)}))
     assert track is not None
-    np.testing.assert_allclose(track.time_s, np.arange(30) / 25.0, atol=FLOAT64)
-    np.testing.assert_allclose(track.roll_rad, roll, atol=GRAVITY_RAD)
-    np.testing.assert_allclose(track.pitch_rad, pitch, atol=GRAVITY_RAD)
+    np.testing.assert_allclose(track[:, 0], np.arange(30) / 25.0, atol=FLOAT64)
+    np.testing.assert_allclose(track[:, 1:].T, (roll, pitch), atol=GRAVITY_RAD)
     with pytest.raises(uw.VideoError, match="GoPro"):
         level_track(scene_with(tmp_path, whale, plate=str(plate), camera={"gravity": str(plate)}))
 

@@ -130,30 +130,25 @@ def roll_pitch(up: ArrayLike) -> tuple[Array, Array]:
     return np.arctan2(-u[..., 0], u[..., 1]), -np.arcsin(np.clip(u[..., 2], -1.0, 1.0))
 
 
-@dataclass(frozen=True, slots=True)
-class LevelTrack:
-    """Roll and pitch over time, (N,) each, linear between keys and constant beyond; one key is a fixed camera."""
+def level_at(track: Array, time_s: float) -> Array:
+    """Return the (3, 3) rotation from camera axes to level axes at a time.
 
-    time_s: Array
-    roll_rad: Array
-    pitch_rad: Array
-
-    def at(self, time_s: float) -> Array:
-        """Return the (3, 3) rotation from camera axes to level axes at `time_s`."""
-        roll = np.interp(time_s, self.time_s, np.unwrap(self.roll_rad))
-        return level_matrix(float(roll), float(np.interp(time_s, self.time_s, self.pitch_rad)))
+    track: rows of time [s], roll and pitch [rad], (n, 3), ascending; linear between them and constant beyond.
+    """
+    times, roll, pitch = track.T
+    return level_matrix(float(np.interp(time_s, times, np.unwrap(roll))), float(np.interp(time_s, times, pitch)))
 
 
-def keyed_level(keys: Sequence[tuple[float, float, float]]) -> LevelTrack:
-    """Return the track of keys (time_s, roll_rad, pitch_rad), in ascending time."""
+def keyed_level(keys: Sequence[tuple[float, float, float]]) -> Array:
+    """Return the track of keys (time_s, roll_rad, pitch_rad), in ascending time; see `level_at`."""
     table = np.asarray(keys, np.float64).reshape(-1, 3)
     if not len(table) or not np.all(np.isfinite(table)) or np.any(np.diff(table[:, 0]) <= 0.0):
         raise ParameterError("level - keys must be (time, roll, pitch) in ascending time - sort them")
-    return LevelTrack(*table.T)
+    return table
 
 
-def level_from_gpmf(data: bytes, frame_rate: float) -> LevelTrack:
-    """Return the track of a GoPro clip's gravity vectors (GRAV, one for each frame) in its GPMF payloads.
+def level_from_gpmf(data: bytes, frame_rate: float) -> Array:
+    """Return the track, see `level_at`, of a GoPro clip's gravity vectors (GRAV, one for each frame) in its payloads.
 
     The stored vector points down, in axes right, down, forward of the lens that the frame is centred on: at rest
     (0, 1, 0). It agrees with the accelerometer of the same clips, whose reading points up, in axes left, back, up.
@@ -167,7 +162,7 @@ def level_from_gpmf(data: bytes, frame_rate: float) -> LevelTrack:
     if not len(gravity):
         raise ParameterError("GPMF GRAV - is empty (got no samples) - give roll and pitch")
     up = np.stack([-gravity[:, 0], gravity[:, 1], gravity[:, 2]], axis=1)
-    return LevelTrack(np.arange(len(up)) / frame_rate, *roll_pitch(up))
+    return np.column_stack([np.arange(len(up)) / frame_rate, *roll_pitch(up)])
 
 
 # --- the horizon in a radiance map ----------------------------------------------------------------------------------

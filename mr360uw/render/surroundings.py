@@ -16,7 +16,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.ibl import LightSettings
 from mr360uw.ibl.sun.split import CLEAR_SKY_DIRECT
 from mr360uw.ibl.sun.track import Camera
-from mr360uw.ibl.tilt import LevelTrack, keyed_level, level_from_gpmf
+from mr360uw.ibl.tilt import keyed_level, level_at, level_from_gpmf
 from mr360uw.medium import Medium
 from mr360uw.medium.medium import MediumAtDepths, MixedMedium, TableAt
 from mr360uw.medium.open_water import OpenWater, open_water
@@ -25,7 +25,7 @@ from mr360uw.medium.settings import WaterSettings
 from mr360uw.render.lights import EnvironmentReader, world_view
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import WaterBetween, open_plate, pose_of_plate, scene_at, water_between, without_gain
-from mr360uw.types import Floats, MediumTable, Sun
+from mr360uw.types import Array, Floats, MediumTable, Sun
 from mr360uw.video import VideoFrame
 
 _SUN_STEP = 0.02
@@ -183,8 +183,8 @@ def is_tilted(pitch_deg: float, roll_deg: float) -> bool:
     return max(abs(pitch_deg), abs(roll_deg)) > _NO_TILT_DEG
 
 
-def level_track(scene: Scene) -> LevelTrack | None:
-    """Return the tilt of a plate over time; None if it is level.
+def level_track(scene: Scene) -> Array | None:
+    """Return the tilt of a plate over time, as `level_at` takes it; None if it is level.
 
     It is told by a GoPro's gravity, by keys, by fixed angles, or by the pose that the plate's file states.
     """
@@ -233,7 +233,7 @@ class CameraPath:
 
     depth_m: float
     track: Motion | None = None
-    tilt: LevelTrack | None = None
+    tilt: Array | None = None
     sinking: ValuesOverTime | None = None
 
     @classmethod
@@ -264,7 +264,7 @@ class CameraPath:
     @property
     def moves(self) -> bool:
         """Whether the camera moves or turns."""
-        turns = self.tilt is not None and len(self.tilt.time_s) > 1
+        turns = self.tilt is not None and len(self.tilt) > 1
         return self.sinks or turns or (self.track is not None and self.track.moves)
 
     @property
@@ -272,7 +272,7 @@ class CameraPath:
         """What is known of the camera's rotation: all of it, its tilt over time, or no more than that it may stand."""
         if self.track is not None:
             return "tracked"
-        return "levelled" if self.tilt is not None and len(self.tilt.time_s) > 1 else "unknown"
+        return "levelled" if self.tilt is not None and len(self.tilt) > 1 else "unknown"
 
     @property
     def highest_m(self) -> float:
@@ -286,7 +286,7 @@ class CameraPath:
             return pose[:3, 3], pose[:3, :3]
         depth_m = self.depth_m if self.sinking is None else float(self.sinking.at(time_s))
         position = np.array([0.0, self.depth_m - depth_m, 0.0])
-        return position, np.eye(3) if self.tilt is None else self.tilt.at(time_s)
+        return position, np.eye(3) if self.tilt is None else level_at(self.tilt, time_s)
 
     def check_times(self, first_s: float, last_s: float, frame_rate: float) -> None:
         """Raise `ParameterError` where a track of more than one row does not cover the frames of a clip.

@@ -216,7 +216,7 @@ def stated_up(clip: VideoReader, time_s: Floats) -> tuple[Floats, str] | None:
     """Return up in the camera's axes (n, 3) that a clip states, and where: by its GoPro's gravity, or else by the pose
     of the panorama. None where it states neither.
     """
-    from mr360uw.ibl.tilt import level_from_gpmf, level_matrix
+    from mr360uw.ibl.tilt import level_at, level_from_gpmf, level_matrix
     from mr360uw.video.demux import gpmf_payloads
 
     try:
@@ -225,7 +225,7 @@ def stated_up(clip: VideoReader, time_s: Floats) -> tuple[Floats, str] | None:
         _, pitch, roll = np.radians(clip.pose_deg).tolist()
         up = level_matrix(roll, pitch)[1]
         return (np.tile(up, (len(time_s), 1)), "the pose that its file states") if roll or pitch else None
-    return np.stack([level.at(float(t))[1] for t in time_s]), "the clip's gravity"
+    return np.stack([level_at(level, float(t))[1] for t in time_s]), "the clip's gravity"
 
 
 def _in_world(

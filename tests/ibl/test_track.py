@@ -15,7 +15,7 @@ from mr360uw.base.sphere import direction_from_angles, directions, unit
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.settings import parse_time, refraction, sun_angles
 from mr360uw.ibl.sun.track import smooth
-from mr360uw.ibl.tilt import keyed_level, level_from_gpmf, level_matrix, roll_pitch, streams
+from mr360uw.ibl.tilt import keyed_level, level_at, level_from_gpmf, level_matrix, roll_pitch, streams
 from mr360uw.preview.pages import frame_section, light_report
 from mr360uw.types import Sun
 from tests.gpmf import payloads, tilted_up
@@ -138,8 +138,8 @@ def test_level_matrix_and_its_inverse() -> None:
 
 def test_keys_are_joined_by_lines() -> None:
     track = keyed_level([(0.0, 0.0, 0.1), (2.0, 0.2, 0.3)])
-    np.testing.assert_allclose(track.at(1.0), level_matrix(0.1, 0.2), atol=FLOAT64)
-    np.testing.assert_allclose(track.at(9.0), level_matrix(0.2, 0.3), atol=FLOAT64)
+    np.testing.assert_allclose(level_at(track, 1.0), level_matrix(0.1, 0.2), atol=FLOAT64)
+    np.testing.assert_allclose(level_at(track, 9.0), level_matrix(0.2, 0.3), atol=FLOAT64)
     with pytest.raises(ParameterError, match="ascending"):
         keyed_level([(1.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
 
@@ -153,10 +153,9 @@ def test_gravity_of_a_gopro() -> None:
     reading = unit(np.concatenate(list(streams(data, "ACCL")))[::7])
     np.testing.assert_allclose(reading @ [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], up, atol=ACCELEROMETER)
     track = level_from_gpmf(data, 29.97)
-    np.testing.assert_allclose(track.time_s, np.arange(75) / 29.97, atol=FLOAT64)
-    np.testing.assert_allclose(track.roll_rad, roll, atol=GRAVITY_RAD)
-    np.testing.assert_allclose(track.pitch_rad, pitch, atol=GRAVITY_RAD)
-    level = level_matrix(track.roll_rad[20], track.pitch_rad[20])
+    np.testing.assert_allclose(track[:, 0], np.arange(75) / 29.97, atol=FLOAT64)
+    np.testing.assert_allclose(track[:, 1:].T, (roll, pitch), atol=GRAVITY_RAD)
+    level = level_matrix(*track[20, 1:])
     assert angle_deg(level @ up[20], np.array([0.0, 1.0, 0.0])) < np.degrees(2.0 * GRAVITY_RAD)
     with pytest.raises(ParameterError, match="cut off"):
         list(streams(data[:200], "GRAV"))
