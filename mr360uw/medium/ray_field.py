@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -291,13 +291,15 @@ def _positive(matrices: Array) -> bool:
 class Modes:
     """Light that changes as exp(-rate (y - origin_m)) with the depth y.
 
-    rate: (n, j) [1/m]. origin_m: (j,). down, up: (n, i, j) radiance at the nodes, at that depth.
+    rate: (n, j) [1/m]. origin_m: (j,). down, up: (n, i, j) radiance at the nodes, at that depth. moments: (n, l, j)
+    associated Legendre moments of every mode, where they are known.
     """
 
     rate: Array
     origin_m: Array
     down: Array
     up: Array
+    moments: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
     def mirrored(self, depth_m: float) -> Modes:
         """Return the same light turned upside down, which fades upwards from a depth."""

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -59,18 +59,6 @@ STREAMS_PER_HEMISPHERE = 32
 _NEGLIGIBLE = 2e-3
 """Light of an order of cos(m azimuth) over that of order 0 from which on further orders are left out: high suns have 10
 to 15, low ones 40, and radiances are right to 0.2 %. Half as much costs two more."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Component:
-    """Light that varies as cos(m azimuth). moments: (n, l, j) its associated Legendre moments of every mode."""
-
-    modes: Modes
-    moments: Array
-
-    def over(self, divisor: Array) -> _Component:
-        """Return it divided by (n,)."""
-        return _Component(self.modes.times(1.0 / divisor[:, None]), self.moments / divisor[:, None, None])
 
 
 class LightField:
@@ -178,7 +166,8 @@ class LightField:
         """Make modes, the irradiance (n,) across the sun's beam at a depth, and the radiance (n,) of the sky as
         `RayField` has it, the light that is the same at all azimuths, all over an irradiance (n,).
         """
-        self._even = _Component(modes, self.ordinates.moments(modes)).over(incident)
+        moments = self.ordinates.moments(modes) / incident[:, None, None]
+        self._even = replace(modes.times(1.0 / incident[:, None]), moments=moments)
         self.beam, self.sky_radiance, self._top_m = beam / incident, sky / incident, top_m
 
     def _ordinates(self, order: int) -> Ordinates:
@@ -205,22 +194,22 @@ class LightField:
         return modes
 
     @functools.cached_property
-    def _around(self) -> dict[int, _Component]:
+    def _around(self) -> dict[int, Modes]:
         """The light of every order of cos(m azimuth) that counts, that of order 0, which has the beam's mode, last."""
-        around: dict[int, _Component] = {}
+        around: dict[int, Modes] = {}
         if np.any(self.beam > 0.0):
             mean, dark, seen = self._scattered(0, self._even), np.zeros(len(self.mu)), 0
             for order in range(1, self._most_orders + 1):
                 water = self._ordinates(order)
                 modes = self._modes(water, self.beam, dark)
-                around[order] = _Component(modes, water.moments(modes))
+                around[order] = replace(modes, moments=water.moments(modes))
                 if np.any(self._scattered(order, around[order]) > _NEGLIGIBLE * mean):
                     seen = order
                 elif order > seen + 1:  # two in a row: the first of molecules hardly has any light, the second has
                     break
         return around | {0: self._even}
 
-    def _scattered(self, order: int, light: _Component) -> Array:
+    def _scattered(self, order: int, light: Modes) -> Array:
         """Return how much of an order's light (n, k) is scattered into directions, where the beam is 1/e of its light.
 
         Into Snell's window little is: there `models.FieldModel` leaves out the light of small angles.
@@ -229,7 +218,7 @@ class LightField:
         degree = np.arange(self._chi.shape[1])
         legendre = legendre_polynomials(np.append(mu, -mu), len(degree), order)
         depth = np.minimum(self.sun_mu / self.faded, self._floor_m)[:, None]
-        moments = np.einsum("nlj,nj->nl", light.moments, np.exp(-light.modes.rate * (depth - light.modes.origin_m)))
+        moments = np.einsum("nlj,nj->nl", light.moments, np.exp(-light.rate * (depth - light.origin_m)))
         return np.abs((2 * degree + 1) * self._chi * moments @ legendre.T)
 
     @property
@@ -271,7 +260,7 @@ class LightField:
         return other
 
     @property
-    def _shown(self) -> dict[int, _Component]:
+    def _shown(self) -> dict[int, Modes]:
         """The light of the orders that are seen."""
         if self._azimuth_rad is None:
             return {0: self._even}
@@ -293,9 +282,8 @@ class LightField:
         kinds, shares = scatterers
         of_beam = functools.partial(scattered_beam, (kinds, shares * self.scattering * self.beam), self.sun_mu)
         # All that is seen, as modes; of the beam alone the last of them, without light
-        shown, last = self._shown, self._even.modes
-        modes = [light.modes for light in shown.values()]
-        rates, origins = [of_order.rate for of_order in modes], [of_order.origin_m for of_order in modes]
+        shown, last = self._shown, self._even
+        rates, origins = [light.rate for light in shown.values()], [light.origin_m for light in shown.values()]
         if not shown:
             rates, origins = [np.tile(last.rate[:, -1:], (self._azimuths, 1))], [last.origin_m[-1:]]
         return RayField(
@@ -447,7 +435,7 @@ class LightField:
         normals, place = np.unique(normal, return_inverse=True)  # tables ask for few normals at many depths
         down = cosine_kernel(self.mu, normals[:, None]) * self.weight
         up = cosine_kernel(-self.mu, normals[:, None]) * self.weight
-        modes = down @ self._even.modes.down + up @ self._even.modes.up
+        modes = down @ self._even.down + up @ self._even.up
         depths, at = np.unique(y, return_inverse=True)
         place, at, fall = place.ravel(), at.ravel(), self._fall(depths)
         diffuse = np.empty((y.size, len(self.absorption)))
@@ -502,7 +490,7 @@ class LightField:
     def slope(self) -> LightField:
         """Return the change of the irradiances with depth [1/m], as light."""
         other, even = copy.copy(self), self._even
-        other._even = _Component(even.modes.times(-even.modes.rate), even.moments * -even.modes.rate[:, None])
+        other._even = replace(even.times(-even.rate), moments=even.moments * -even.rate[:, None])
         other.beam = self.beam * -self.faded / self.sun_mu
         return other
 
@@ -513,4 +501,4 @@ class LightField:
 
     def _fall(self, depth_m: Array) -> Array:
         """Return the modes (..., n, j) at depths over their amounts."""
-        return np.exp(-self._even.modes.rate * (depth_m[..., None, None] - self._even.modes.origin_m))
+        return np.exp(-self._even.rate * (depth_m[..., None, None] - self._even.origin_m))
