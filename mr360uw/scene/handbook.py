@@ -25,7 +25,7 @@ def scene_text(chosen: dict[str, Any]) -> str:
     lines = ["# A scene of mr360uw. Lines that start with # show the defaults; units stand in [brackets].", ""]
     for name, field in Scene.model_fields.items():
         key = field.alias or name
-        model = _model_of(field)
+        model = type(field.default) if isinstance(field.default, BaseModel) else models_of(field.annotation)[0]
         repeated = isinstance(field.default, tuple)
         entries = chosen.get(key, []) if repeated else [chosen.get(key, {})]
         unused = (repeated and not entries) or (field.default is None and key not in chosen)
@@ -65,10 +65,6 @@ def _help(field: FieldInfo) -> str:
     bounds = bounds_text(field)
     text = (field.description or "") + (f" [{bounds}]" if bounds else "")
     return f"   # {text}" if text else ""
-
-
-def _model_of(field: FieldInfo) -> type[BaseModel]:
-    return type(field.default) if isinstance(field.default, BaseModel) else models_of(field.annotation)[0]
 
 
 _COLUMNS = ("key", "default", "values, range, unit", "meaning")

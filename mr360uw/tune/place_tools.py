@@ -8,7 +8,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import numpy as np
 from nicegui import background_tasks, ui
 
 from mr360uw.base.parameters import bounds_of
@@ -229,7 +228,7 @@ class PlaceTools:
                 self._drag_object(drag, here, number, group)
             elif kind == "lamp":
                 point = drag.start if drag.phase == "cancel" else drag.point
-                self._put(f"lamp.{number}.position_m", _vector(here.lamp_at(number, point)), group)
+                self._put(f"lamp.{number}.position_m", [_short(part, 4) for part in here.lamp_at(number, point)], group)
             if drag.phase in ("end", "cancel"):
                 self._drag = None
                 self._session.pictures.settle()
@@ -291,10 +290,6 @@ class PlaceTools:
             fields.set_key(self._document, key, self._session.time_s, value, group=group)
         else:
             self._document.set(key, value, group=group)
-
-
-def _vector(position: Any) -> list[float]:
-    return [_short(part, 4) for part in np.asarray(position).tolist()]
 
 
 def _short(value: float, digits: int) -> float:
