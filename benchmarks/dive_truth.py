@@ -124,18 +124,69 @@ def _turn(d, cosine, turn):
 
 
 @numba.njit
-def _trace(o, d, water, floor, place, sun, table, ball, box, bodies):
+def hit_mesh(o, d, mesh, any_):
+    """Return the distance to the nearest triangle of a mesh, or to any, its number (-1: none), and where on it.
+
+    mesh: nodes (m, 8) of a tree of boxes, each its two corners, its right child or first triangle, and its number of
+    triangles; triangles (n, 3, 3), their normals (n, 3), their places in the texture (n, 3, 2), and that, (h, w).
+    """
+    nodes, triangles = mesh[0], mesh[1]
+    best, who, at_u, at_v, top = _FAR, -1, 0.0, 0.0, min(len(nodes), 1)
+    stack = np.zeros(64, np.int64)
+    while top > 0:
+        top -= 1
+        number = stack[top]
+        node, near, far = nodes[number], -_FAR, _FAR
+        for i in range(3):
+            inverse = 1.0 / (d[i] if abs(d[i]) > 1e-12 else 1e-12)
+            a, b = (node[i] - o[i]) * inverse, (node[3 + i] - o[i]) * inverse
+            near, far = max(near, min(a, b)), min(far, max(a, b))
+        if near > far or far < 0.0 or near > best:
+            continue
+        if node[7] == 0.0:
+            stack[top], stack[top + 1] = number + 1, int(node[6])
+            top += 2
+            continue
+        for t in range(int(node[6]), int(node[6] + node[7])):
+            p = triangles[t]
+            ax, ay, az = p[1, 0] - p[0, 0], p[1, 1] - p[0, 1], p[1, 2] - p[0, 2]
+            bx, by, bz = p[2, 0] - p[0, 0], p[2, 1] - p[0, 1], p[2, 2] - p[0, 2]
+            qx, qy, qz = d[1] * bz - d[2] * by, d[2] * bx - d[0] * bz, d[0] * by - d[1] * bx
+            size = ax * qx + ay * qy + az * qz
+            if abs(size) < 1e-18:
+                continue
+            x, y, z = o[0] - p[0, 0], o[1] - p[0, 1], o[2] - p[0, 2]
+            rx, ry, rz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+            u = (x * qx + y * qy + z * qz) / size
+            v = (d[0] * rx + d[1] * ry + d[2] * rz) / size
+            reach = (bx * rx + by * ry + bz * rz) / size
+            if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and _CLOSE < reach < best:
+                best, who, at_u, at_v = reach, t, u, v
+                if any_:
+                    return best, who, at_u, at_v
+    return best, who, at_u, at_v
+
+
+@numba.njit(inline="always")
+def _is_lit(o, sun, ball, box, mesh):
+    """Return whether no body is between a place and the sun."""
+    free = _hit_ball(o, sun[:3], ball) == _FAR and _hit_box(o, sun[:3], box)[0] == _FAR
+    return free and hit_mesh(o, sun[:3], mesh, True)[1] < 0
+
+
+@numba.njit
+def _trace(o, d, water, floor, place, sun, table, ball, box, mesh, bodies):
     """Return the radiance of one path.
 
     water: c, b/c, g (or 2: of the table), n. floor: albedo. place: heights [m] of surface and floor over the camera,
     radiance of the sky in the water. sun: direction and irradiance across the beam just below the surface. table:
-    angles, phase function, cumulative. ball, box: albedo last.
+    angles, phase function, cumulative. ball, box: albedo last. mesh: see `hit_mesh`.
     """
     c, w0, g, n = water
     top, bottom, sky = place
     light, weight = 0.0, 1.0
     for _ in range(2000):
-        t, kind, axis, side = _FAR, 0, 0, 0.0
+        t, kind, axis, side, who, u, v = _FAR, 0, 0, 0.0, -1, 0.0, 0.0
         if d[1] < 0.0:
             t, kind = (bottom - o[1]) / d[1], 1
         elif d[1] > 0.0:
@@ -147,23 +198,26 @@ def _trace(o, d, water, floor, place, sun, table, ball, box, bodies):
             to_box, axis, side = _hit_box(o, d, box)
             if to_box < t:
                 t, kind = to_box, 4
+            to_mesh, who, u, v = hit_mesh(o, d, mesh, False)
+            if to_mesh < t:
+                t, kind = to_mesh, 5
         s = -np.log(1.0 - np.random.random()) / c
         if s < t:
             for i in range(3):
                 o[i] += s * d[i]
             weight *= w0
-            if not bodies or (_hit_ball(o, sun[:3], ball) == _FAR and _hit_box(o, sun[:3], box)[0] == _FAR):
+            if not bodies or _is_lit(o, sun, ball, box, mesh):
                 cosine = d[0] * sun[0] + d[1] * sun[1] + d[2] * sun[2]
                 if g > 1.5:
                     p = _between(np.arccos(min(1.0, max(-1.0, cosine))), table[0], table[1])
                 else:
                     p = (1.0 - g * g) / (4.0 * np.pi * (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
                 light += weight * p * sun[3] * np.exp(-c * (top - o[1]) / sun[1])
-            u = np.random.random()
+            part = np.random.random()
             if g > 1.5:
-                cosine = np.cos(_between(u, table[2], table[0]))
+                cosine = np.cos(_between(part, table[2], table[0]))
             else:
-                q = (1.0 - g * g) / (1.0 - g + 2.0 * g * u)
+                q = (1.0 - g * g) / (1.0 - g + 2.0 * g * part)
                 cosine = (1.0 + g * g - q * q) / (2.0 * g)
             _turn(d, cosine, 2.0 * np.pi * np.random.random())
         elif kind == 2:
@@ -187,14 +241,20 @@ def _trace(o, d, water, floor, place, sun, table, ball, box, bodies):
                     nx, ny, nz = 0.0, side, 0.0
                 else:
                     nx, ny, nz = side * box[7], 0.0, side * box[6]
+            elif kind == 5:
+                nx, ny, nz = mesh[2][who, 0], mesh[2][who, 1], mesh[2][who, 2]
+                if nx * d[0] + ny * d[1] + nz * d[2] > 0.0:
+                    nx, ny, nz = -nx, -ny, -nz
+                at, (rows, columns) = mesh[3][who], mesh[4].shape
+                across = at[0, 0] * (1.0 - u - v) + at[1, 0] * u + at[2, 0] * v
+                up = at[0, 1] * (1.0 - u - v) + at[1, 1] * u + at[2, 1] * v
+                albedo = mesh[4][int((1.0 - up % 1.0) * rows) % rows, int(across % 1.0 * columns) % columns]
             o[0] += 1e-7 * nx
             o[1] += 1e-7 * ny
             o[2] += 1e-7 * nz
             weight *= albedo
             facing = nx * sun[0] + ny * sun[1] + nz * sun[2]
-            if facing > 0.0 and (
-                not bodies or (_hit_ball(o, sun[:3], ball) == _FAR and _hit_box(o, sun[:3], box)[0] == _FAR)
-            ):
+            if facing > 0.0 and (not bodies or _is_lit(o, sun, ball, box, mesh)):
                 light += weight * facing / np.pi * sun[3] * np.exp(-c * (top - o[1]) / sun[1])
             d[0], d[1], d[2] = nx, ny, nz
             _turn(d, np.sqrt(1.0 - np.random.random()), 2.0 * np.pi * np.random.random())
@@ -205,8 +265,11 @@ def _trace(o, d, water, floor, place, sun, table, ball, box, bodies):
     return light
 
 
+NO_MESH = tuple(np.zeros(shape) for shape in ((0, 8), (0, 3, 3), (0, 3), (0, 3, 2), (1, 1)))
+
+
 @numba.njit
-def _means(pixels, size, paths, seed, water, floor, place, sun, table, ball, box, bodies):
+def means(pixels, size, paths, seed, water, floor, place, sun, table, ball, box, mesh, bodies):
     """Return the mean radiance and its standard error (n, 2) of pixels (n, 2: row, column) of a picture."""
     np.random.seed(seed)
     out, o, d = np.zeros((len(pixels), 2)), np.zeros(3), np.zeros(3)
@@ -217,7 +280,7 @@ def _means(pixels, size, paths, seed, water, floor, place, sun, table, ball, box
             lat = np.pi * (0.5 - (pixels[k, 0] + np.random.random()) / size[0])
             o[:] = 0.0
             d[0], d[1], d[2] = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
-            one = _trace(o, d, water, floor, place, sun, table, ball, box, bodies)
+            one = _trace(o, d, water, floor, place, sun, table, ball, box, mesh, bodies)
             total += one
             square += one * one
         out[k, 0] = total / paths
@@ -242,24 +305,24 @@ def traced(dive: LitDive, seed: int) -> dict[str, np.ndarray]:
     height, width = PLATE
     rows, columns = np.mgrid[:height, : width // 2]
     pixels = np.stack([rows.ravel(), columns.ravel()], axis=1)
-    plate, means = [], []
+    plate, of_regions = [], []
     regions = regions_of(dive)
     for k in range(3):
         of = channel(dive, k)
-        plate.append(_means(pixels, PLATE, PLATE_PATHS, 10 * seed + k, *of, False)[:, 0].reshape(height, -1))
+        plate.append(means(pixels, PLATE, PLATE_PATHS, 10 * seed + k, *of, NO_MESH, False)[:, 0].reshape(height, -1))
         row = []
-        for number, (name, mask) in enumerate(regions.items()):
+        for number, mask in enumerate(regions.values()):
             some = np.argwhere(mask)
             paths = -(-REGION_PATHS // len(some))
-            found = _means(some, SIZE, paths, 1000 * seed + 10 * number + k, *of, not name.startswith("plate"))
+            found = means(some, SIZE, paths, 1000 * seed + 10 * number + k, *of, NO_MESH, True)
             row.append((found[:, 0].mean(), np.sqrt(np.sum(found[:, 1] ** 2)) / len(some)))
-        means.append(row)
-    values = np.moveaxis(np.array(means), 0, -1)
+        of_regions.append(row)
+    values = np.moveaxis(np.array(of_regions), 0, -1)
     return {"plate": np.stack(plate, -1).astype(np.float16), "mean": values[:, 0], "noise": values[:, 1]}
 
 
 @numba.njit
-def _light(up, azimuth, cosine, paths, seed, water, floor, place, sun, table, ball, box):
+def _light(up, azimuth, cosine, paths, seed, water, floor, place, sun, table, ball, box, mesh):
     """Return the mean radiance from directions of a height, or the mean over the cosine about a normal of that height,
     and the standard error. The sun's own beam is not in it. azimuth: of the directions from the sun's [rad]; nan: all.
     """
@@ -272,7 +335,7 @@ def _light(up, azimuth, cosine, paths, seed, water, floor, place, sun, table, ba
         d[0], d[1], d[2] = across * np.cos(turn), up, across * np.sin(turn)
         if cosine:
             _turn(d, np.sqrt(1.0 - np.random.random()), 2.0 * np.pi * np.random.random())
-        one = _trace(o, d, water, floor, place, sun, table, ball, box, False)
+        one = _trace(o, d, water, floor, place, sun, table, ball, box, mesh, False)
         total += one
         square += one * one
     mean = total / paths
@@ -315,7 +378,7 @@ def field() -> None:
         for depth in (0.3 * floor_m, 0.9 * floor_m):
             place = np.array([depth, depth - floor_m, (1.0 - share) / np.pi / passed])
             water = np.array([a + b, b / (a + b), g, n])
-            of = water, albedo, place, sun, phase_table("petzold"), np.zeros(5), np.ones(9)
+            of = water, albedo, place, sun, phase_table("petzold"), np.zeros(5), np.ones(9), NO_MESH
             found = []
             for kind, ups in (("irradiance", (1.0, 0.0, -1.0)), ("radiance", (-1.0, -0.4, 0.1, 0.5))):
                 for one in ups:
@@ -359,7 +422,7 @@ def around() -> None:
         g, turned = (2.0, b * turned_share(phase)) if phase == "petzold" else (float(phase.split()[1]), b)
         c = a + turned
         water, place = np.array([c, turned / c, g, n]), np.array([depth, depth - floor_m, 0.0])
-        of = water, albedo, place, sun, table, np.zeros(5), np.ones(9)
+        of = water, albedo, place, sun, table, np.zeros(5), np.ones(9), NO_MESH
         mean, error = _light(1.0, np.nan, True, AROUND_PATHS, 100 * number, *of)
         down = np.pi * mean + np.exp(-c * depth / up)
         for k, (height, azimuth) in enumerate(VIEWS):

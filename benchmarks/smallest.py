@@ -70,6 +70,7 @@ STARTS = {
     "suns": Start("discs 64"),
     "surface": Start("flat"),
     "survive": Start("scenes --scenes 1 --backend reference"),
+    "textured_dives": Start(only_loaded="path-traces dives, with meshes that are named"),
     "tracks": Start(only_loaded="tracks clips of 48 frames, half a minute each"),
     "tune": Start(only_loaded="drives a browser", needs=("playwright", "nicegui")),
     "water_from_motion": Start(only_loaded="reads 24 frames of a clip for every dive"),
