@@ -9,7 +9,9 @@ unturned, the rest beside where it left, by the spread of the sun's beam read ba
 L: light of the body with its veil. P: the plate in its place, smooth. G_i: Gaussians of fixed angles, of sum 1 over the
 sphere. tau, w_i: optical depth of turning, and shares of the Gaussians, at the body's distance. Extinction takes light
 that turns by wide angles off a body; what of it turns by less than the cone of 45 degrees comes back as blur, hence g.
-A body takes no more light away than the plate shows: where the plate is the window of the surface, g D is -P at least.
+A body takes no more light away than comes from behind it: g D is W - P at least, W the light that the water before it
+turns into the ray by wider angles. With V the veil and T the transmittance of that water, W = V (1 - g T)/(1 - T), as
+if it went on evenly. Before the window of the surface W is 0: the sky that the water would turn is behind the body too.
 
 The Gaussians are found on grids, each as coarse as its Gaussian allows, and narrower ones than a cell count as
 unturned. Both renderers share it: it needs the layer's radiance and distances alone. Time grows with the pixels of
@@ -29,12 +31,14 @@ from mr360uw.base.cache import Cache
 from mr360uw.base.constants import PI
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.receiver.shape import plate_distance
+from mr360uw.composite.shading import veil_ahead
 from mr360uw.composite.shafts import code_change, pixels_of_blocks
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, places_in_mask, rectangles_of_mask, tile_of
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import fast
 from mr360uw.medium.lookup import table_coordinate, transmittance_lookup
+from mr360uw.medium.models import window_share
 from mr360uw.types import BeamSpread, Floats, Layer, Rectangle
 
 _CELLS = 480
@@ -74,8 +78,8 @@ def with_blur(
     if not len(bodies[0]) or medium.camera_depth_m <= 0.0:
         return layer, variables
     # Find what they change of the plate, and of the ground
-    behind = _background(shot, rows, columns)
     light, share, metres = np.split(cells[bodies], [3, 4], axis=1)
+    behind, water = _background(shot, rows, columns, float(metres.sum() / share.sum()))
     ground, far, dimmed = _ground_change(shot, layer, side, behind, cells[..., 3], cache)
     places = np.concatenate([bodies[0], ground[0]]), np.concatenate([bodies[1], ground[1]])
     plate, change = behind[places], np.concatenate([light - share * behind[bodies], dimmed])
@@ -86,6 +90,8 @@ def with_blur(
     table, distance = cache.of(_by_distance, spread, columns), np.concatenate([(metres / share)[:, 0], far])
     node = np.minimum(_NODES * table_coordinate(distance, _LENGTH_M) + 0.5, _NODES - 1).astype(np.int64)
     (gain, sharp, *turned), shown, count = table[:, node], blur[node], len(share)
+    wide = np.maximum(1.0 - table[0] * left, 0.0).astype(np.float32)
+    plate[:count] = np.maximum(plate[:count] - share * wide[node[:count]] * water[bodies], 0.0)
     change = shown * np.maximum(gain * change, -plate)
     from_bodies, from_ground = (
         _spread(spread.angle_rad, (rows, columns), at, [(fraction * change)[of] for fraction in turned])
@@ -119,8 +125,8 @@ def with_blur(
         if np.any(cells[window][..., 3]):
             radiance = tile.radiance.copy()
             first = part.row, part.column
-            maps = behind, from_bodies, from_ground, per_m
-            _blur_bodies(radiance, tile.alpha, tile.distance_m, first, table, blur, side, maps)
+            maps = behind, water, from_bodies, from_ground, per_m
+            _blur_bodies(radiance, tile.alpha, tile.distance_m, first, (table, blur, wide), side, maps)
             tile = replace(tile, radiance=radiance)
         tiles.append(tile)
     if variables is not None:
@@ -185,14 +191,23 @@ def _add_ground(ratio: Any, veil: Any, top: int, column: int, side: int, behind:
                 found[top + r, at, c] += (plate - min(veil[r, i, c], plate)) * (ratio[r, i, c] - np.float32(1.0)) / side
 
 
-def _background(shot: Shot, rows: int, columns: int) -> Floats:
-    """Return the plate's light without its sun (rows, columns, 3), smooth, in the frame's directions."""
-    view, light = shot.view, shot.environment
+def _background(shot: Shot, rows: int, columns: int, distance_m: float) -> tuple[Floats, Floats]:
+    """Return the plate's light without its sun (rows, columns, 3), smooth, in the frame's directions, and that of the
+    water up to a distance if it went on so: none in Snell's window.
+    """
+    view, light, medium = shot.view, shot.environment, shot.medium
+    assert medium is not None
     side = max(rows // _BACKGROUND_ROWS, 1)
     row, column = (side * (np.arange(-(-cells // side)) + 0.5) for cells in (rows, columns))
     directions = view.directions(*np.meshgrid(column * (view.width / columns), row * (view.height / rows)))
     seen = environment_lookup(light.residual if light.detail is None else light.detail, directions)
-    return np.ascontiguousarray(pixels_of_blocks(seen.astype(np.float32), side, Rectangle(0, 0, columns, rows)))
+    up, distance = directions[..., 1], np.full(directions.shape[:-1], distance_m)
+    lost = np.maximum(1.0 - transmittance_lookup(medium, distance, up), 1e-6)
+    below = 1.0 - window_share(up, shot.refractive_index)
+    water = below[..., None] * veil_ahead(medium, distance, directions) / lost
+    whole = Rectangle(0, 0, columns, rows)
+    first, second = (pixels_of_blocks(of.astype(np.float32), side, whole) for of in (seen, water))
+    return np.ascontiguousarray(first), np.ascontiguousarray(second)
 
 
 @fast
@@ -294,15 +309,14 @@ def _blur(source: Any, sigma: Any, cosine: Any, out: Any) -> None:
 
 
 @fast
-def _blur_bodies(
-    radiance: Any, alpha: Any, metres: Any, place: Any, table: Any, blur: Any, side: int, maps: Any
-) -> None:
+def _blur_bodies(radiance: Any, alpha: Any, metres: Any, place: Any, over_distance: Any, side: int, maps: Any) -> None:
     """Blur the bodies of a tile, whose first pixel is at place, in its radiance (h, w, 3).
 
-    table: of `_by_distance`; blur: (`_NODES`, 3) how much of it is drawn there. maps: (rows, columns, 3) light of the
-    plate, and what has turned of that of bodies and of the ground, in cells; and one over the ground's distance [1/m].
+    over_distance: table of `_by_distance`; (`_NODES`, 3) how much of the blur is drawn there, and what part of the
+    water's light is before a body. maps: (rows, columns, 3) light of the plate and of the water, and what has turned of
+    that of bodies and of the ground, in cells; and one over the ground's distance [1/m].
     """
-    behind, from_bodies, from_ground, per_m = maps
+    (table, blur, wide), (behind, water, from_bodies, from_ground, per_m) = over_distance, maps
     (rows, columns, _), (row, column) = behind.shape, place
     for j in range(alpha.shape[0]):
         # Cells above and below this line
@@ -325,6 +339,9 @@ def _blur_bodies(
                 upper = behind[top, left, c] + across * (behind[top, right, c] - behind[top, left, c])
                 lower = behind[low, left, c] + across * (behind[low, right, c] - behind[low, left, c])
                 plate = covered * (upper + down * (lower - upper))
+                upper = water[top, left, c] + across * (water[top, right, c] - water[top, left, c])
+                lower = water[low, left, c] + across * (water[low, right, c] - water[low, left, c])
+                most = max(plate - covered * wide[node, c] * (upper + down * (lower - upper)), np.float32(0.0))
                 upper = from_bodies[top, left, c] + across * (from_bodies[top, right, c] - from_bodies[top, left, c])
                 lower = from_bodies[low, left, c] + across * (from_bodies[low, right, c] - from_bodies[low, left, c])
                 turned = upper + down * (lower - upper)
@@ -333,6 +350,6 @@ def _blur_bodies(
                 turned += before * (upper + down * (lower - upper))
                 # What has not turned, and narrow Gaussians, stay where they are
                 own = radiance[j, i, c]
-                change = max(table[0, node, c] * (own - plate), -plate)
+                change = max(table[0, node, c] * (own - plate), -most)
                 blurred = max(plate + table[1, node, c] * change + covered * turned, np.float32(0.0))
                 radiance[j, i, c] = own + blur[node, c] * (blurred - own)
