@@ -205,9 +205,9 @@ def caustic_stack(
     ((2, 16, 16, 3), [1.0, 4.0])
     """
     s = settings or CausticSettings()
-    grid = grid_of(s, sea)
-    sun = check_arguments(sun_direction_in_air, depths_m, s.size, grid, refractive_index, s.sun_half_angle_rad)
+    sun = check_arguments(sun_direction_in_air, depths_m, s.size, s.grid, refractive_index, s.sun_half_angle_rad)
     depths = np.asarray(depths_m, np.float64)
+    grid = grid_of(s, sea, float(depths[0]))
     sun_in_water = refract_to_water(sun, refractive_index)
     travel = -sun_in_water[[0, 2]] / sun_in_water[1]
     surface = sea.grid_surface(grid, 0.0 if s.method == "scrolling" else time_s)
@@ -362,7 +362,7 @@ def check_arguments(
     sun_direction_in_air: ArrayLike,
     depths_m: Sequence[float] | Floats,
     size: int,
-    grid: int,
+    grid: int | None,
     refractive_index: float,
     sun_half_angle_rad: float,
 ) -> Floats:
@@ -379,7 +379,8 @@ def check_arguments(
     if np.any(np.diff(depths) <= 0.0):
         raise ParameterError(f"depths_m - must ascend (got {depths.tolist()!r:.80}) - sort them")
     whole("size", size, 1, 16384)
-    whole("grid", grid, 2, 8192)
+    if grid is not None:
+        whole("grid", grid, 2, 8192)
     check_refractive_index(refractive_index)
     if not 0.0 <= sun_half_angle_rad <= 0.5:
         raise ParameterError(f"sun_half_angle_rad - outside [0, 0.5] (got {sun_half_angle_rad}) - the sun has 0.00465")

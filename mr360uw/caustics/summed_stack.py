@@ -52,19 +52,17 @@ from mr360uw.types import BeamSpread, CausticStack, Floats
 
 _LEAST_BLUR = 0.2
 """Least standard deviation [pixel] of the blur of planes that are summed from points: sharper ones show them."""
-_SHARP = 0.5
-"""The same below which points stand closer."""
-_SPACING_SHARP, _SPACING = 0.5, 1.4
-"""Greatest distance [pixel] of the points of a cell below and above that. Twice as large, the lattice of points shows:
-the error at a depth of 0.5 m doubles."""
+_CLOSEST = 0.5
+"""Least distance [pixel] that is kept between the points of a cell. Half as large, nothing gets better."""
 _SPACING_OF_BLUR = 1.2
-"""The same over the least standard deviation of a plane's blur. Twice as large, errors grow by a half."""
+"""The same over the least standard deviation of a plane's blur. Twice as large, the lattice of points shows."""
 _MOST_POINTS = 64.0
 """Points of a cell, as a mean over all, above which coverage takes no longer: deep below a sea without short waves."""
 _MOST_ACROSS = 64
 """Points across one cell at the most, which bounds the time of a cell that is spread over the whole map."""
-_CELLS = 0.75
-"""Cells across the tile over those that coverage needs (see above)."""
+_SPARED = 0.25
+"""Fraction of the cells across the tile that coverage needs and points do not (see above); those that shallow planes
+need beyond are kept."""
 _FOURTH = 1.0 / 12.0
 """Mean over a cell of (s - s^2)/2: fraction of the second difference that corners are moved by."""
 _AT_ONCE = 256
@@ -89,7 +87,7 @@ def summed_stack(
 
     sun_in_water = into_water(sun_in_air, refractive_index)
     travel, indices = -sun_in_water[[0, 2]] / sun_in_water[1], pass_indices(settings.chromatic, refractive_index)
-    cells, blur_slope = _cells_of(sea, settings)
+    cells, blur_slope = _cells_of(sea, settings, float(depths_m[0]))
     lights: list[_Cells] = []
     for index in indices if cells else ():
         # Refract the surface's cells; waves that are turned away from the sun are left to coverage
@@ -99,7 +97,8 @@ def summed_stack(
             break
         corners = np.empty((4, *rays.shape[1:]), np.float32)
         edge, share = cell_corners(rays, corners), (flux / flux.sum()).astype(np.float32)
-        lights.append(_Cells(sea, blur_slope, sun_in_air, time_s, settings, index, travel, corners, share, edge))
+        of_sea = sea, blur_slope, float(depths_m[0])
+        lights.append(_Cells(*of_sea, sun_in_air, time_s, settings, index, travel, corners, share, edge))
     if len(lights) < len(indices):
         return caustic_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread, ground_m)
 
@@ -123,12 +122,13 @@ def summed_stack(
 
 
 @shared(keep=8)
-def _cells_of(sea: Sea, settings: CausticSettings) -> tuple[int, float]:
+def _cells_of(sea: Sea, settings: CausticSettings, depth_m: float) -> tuple[int, float]:
     """Return the cells across the tile, 0 where a sea's light cannot be summed from points; and its `blur_slope`.
 
     Cells that are given and too coarse for the sea are drawn as they are, as the reference draws them.
     """
-    enough = math.ceil(_CELLS * cells_across(sea, settings.sun_half_angle_rad))
+    of_sea = sea, settings.sun_half_angle_rad
+    enough = math.ceil(cells_across(*of_sea, depth_m) - _SPARED * cells_across(*of_sea))
     cells = enough if settings.grid is None else settings.grid
     summed = settings.method == "exact" and sea.detail(0.0) is None and cells >= enough
     return cells if summed else 0, sea.blur_slope
@@ -138,13 +138,14 @@ def _cells_of(sea: Sea, settings: CausticSettings) -> tuple[int, float]:
 class _Cells:
     """Refracted cells of a sea's surface under the sun (3,), for one refractive index.
 
-    blur_slope: of the sea. travel: (2,) of the beam [m] for each metre of depth. corners: (4, N + 1, N + 1) of
-    `cell_corners`. flux: (N, N), sum 1. edge: coefficients of 1, d and d^2 of the edges' mean square length [m^2] on
-    the plane at depth d.
+    blur_slope: of the sea. shallowest_m: depth of the first plane. travel: (2,) of the beam [m] for each metre of
+    depth. corners: (4, N + 1, N + 1) of `cell_corners`. flux: (N, N), sum 1. edge: coefficients of 1, d and d^2 of the
+    edges' mean square length [m^2] on the plane at depth d.
     """
 
     sea: Sea
     blur_slope: float
+    shallowest_m: float
     sun: Floats
     time_s: float
     settings: CausticSettings
@@ -161,7 +162,7 @@ class _Cells:
         size, tile_m, half_angle = len(out), self.sea.tile_m, self.settings.sun_half_angle_rad
         towards = tuple(self.sun.tolist())
         blur, factor = _blur_of(towards, self.refractive_index, self.blur_slope, half_angle, depth_m, size, tile_m)
-        spacing = _SPACING_SHARP if blur < _SHARP else max(_SPACING, _SPACING_OF_BLUR * blur)
+        spacing = max(_CLOSEST, _SPACING_OF_BLUR * blur)
         edge_m2 = self.edge[0] + depth_m * (self.edge[1] + depth_m * self.edge[2])
         spectrum: NDArray[np.complex64]
         if blur < _LEAST_BLUR or edge_m2 * (size / tile_m / spacing) ** 2 > _MOST_POINTS:
@@ -176,7 +177,7 @@ class _Cells:
 
     @functools.cached_property
     def _covered(self) -> RefractedBeam:
-        surface = self.sea.grid_surface(grid_of(self.settings, self.sea), self.time_s)
+        surface = self.sea.grid_surface(grid_of(self.settings, self.sea, self.shallowest_m), self.time_s)
         return RefractedBeam(self.sea, surface, self.sun, self.refractive_index)
 
 

@@ -20,6 +20,7 @@ from mr360uw.caustics import (
 )
 from mr360uw.caustics.irradiance import add_edge, deposit_exact, intensities, opened, pass_indices
 from mr360uw.caustics.settings import grid_of
+from mr360uw.caustics.summed_stack import summed_stack
 from mr360uw.caustics.sun_disc import blur, disc_kernel, footprint
 from mr360uw.errors import ParameterError
 from tests.caustics import tolerances as tol
@@ -99,6 +100,17 @@ def test_a_sea_gets_the_grid_it_needs(sea, cells):
     assert grid_of(CausticSettings(), sea) == cells
     got, best = (caustic_map(sea, ZENITH, 3.0, 0.0, 256, g) for g in (cells, 448))
     assert np.sqrt(np.mean((got - best) ** 2)) <= tol.ENOUGH_CELLS * best.std() + tol.CAUSTICS_MEAN_REFERENCE
+
+
+@pytest.mark.parametrize("sea", [GerstnerSea(), SpectralSea(wind_speed=8.0)])
+def test_light_in_the_first_metres_is_as_near_to_that_of_a_fine_grid(sea):
+    """Of seas of wind at the default settings, by both renderers; with the cells of deeper planes 0.06 and 0.15."""
+    settings, rest = CausticSettings(), (1.34, None)
+    for depth in (1.0, 2.0):
+        best = caustic_stack(sea, ZENITH, [depth], 0.4, CausticSettings(grid=768), *rest).ratio
+        for stack in (caustic_stack, summed_stack):
+            got = stack(sea, np.array(ZENITH), np.array([depth]), 0.4, settings, *rest).ratio
+            assert relative_rmse(got, best) < tol.ENOUGH_CELLS
 
 
 def test_finer_grids_converge_where_dividing_areas_does_not():
