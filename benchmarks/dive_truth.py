@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 # ruff: noqa: NPY002 - numba has the legacy generator alone
-"""Bodies near a bright floor against path tracing: python benchmarks/dive_truth.py trace|compare [name ...]
+"""Bodies near a bright floor against path tracing: python benchmarks/dive_truth.py trace|compare|pictures [name ...]
 and light under a sun or over a floor without bodies: field|around
 
 around: traces radiance by its azimuth from the sun into tests/data/around_sun.csv (20 minutes).
 field: traces radiance and irradiance over a floor, without bodies, into tests/data/floor_field.csv (four minutes).
 trace: renders the dives of tests/lit_dives.py by path tracing into tests/data/lit_dives.npz (20 s of a core a dive).
 compare: lays a ball and a box into their plates by both renderers and prints means over regions over the truth.
+pictures: prints the mean square of whole composites less a trace, over the noise of two traces (20 s a dive).
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from mr360uw.base.optics import fresnel_from_below  # noqa: E402
+from mr360uw.base.sphere import directions  # noqa: E402
 from mr360uw.medium.phase import phase_function  # noqa: E402
-from tests.lit_dives import DATA, DIVES, PLATE, SIZE, LitDive, compared, regions_of  # noqa: E402
+from tests.lit_dives import DATA, DIVES, PLATE, SIZE, LitDive, compared, composed, plate_of, regions_of  # noqa: E402
 
 PLATE_PATHS, REGION_PATHS = 1500, 800_000
 """Paths a pixel of the plate and a region, in each channel: noise of 0.2 % in a region."""
@@ -459,9 +461,40 @@ def compare(names: list[str]) -> None:
                 print(f"  {region:24s} {cells}   noise {np.max(noise):.3f}", flush=True)
 
 
+WHOLE, WHOLE_PATHS = (48, 96), 700
+"""Height and width of whole pictures, and the paths of a pixel in each of the two traces."""
+
+
+def pictures(names: list[str]) -> None:
+    """Print how far whole composites are off, and the plates without bodies, beside the noise of the traces.
+
+    Left out is what is within 8 degrees of the sun, whose disc is painted into the plate.
+    """
+    height, width = WHOLE
+    rows, columns = np.mgrid[:height, :width]
+    pixels = np.stack([rows.ravel(), columns.ravel()], axis=1)
+    side = SIZE[0] // height
+    for name in names or [name for name, dive in DIVES.items() if isinstance(dive.phase, tuple)]:
+        dive = DIVES[name]
+        traces = np.array([
+            [_means(pixels, WHOLE, WHOLE_PATHS, seed + k, *channel(dive, k), True)[:, 0] for k in range(3)]
+            for seed in (5000, 6000)
+        ])  # fmt: skip
+        with tempfile.TemporaryDirectory() as folder:
+            composite = composed(name, "gl", Path(folder)).image_linear
+        far = ((directions(width, height) @ dive.sun) < np.cos(np.radians(8.0))).ravel()
+        noise = 0.5 * np.mean((traces[0] - traces[1])[:, far] ** 2, axis=1)
+        size = np.sqrt(np.mean(noise / np.mean(traces[..., far] ** 2, axis=(0, 2))))
+        line = f"{name:8s} noise {size:.3f}, mean square over that of the noise: "
+        for label, image in (("composite", composite), ("plate", plate_of(name))):
+            coarse = image.astype(np.float64).reshape(height, side, width, side, 3).mean(axis=(1, 3)).reshape(-1, 3).T
+            line += f"{label} {np.mean(np.mean((coarse - traces)[..., far] ** 2, axis=(0, 2)) / noise):.2f}  "
+        print(line, flush=True)
+
+
 if __name__ == "__main__":
     command, *names = sys.argv[1:]
     if command in ("field", "around"):
         {"field": field, "around": around}[command]()
     else:
-        {"trace": trace, "compare": compare}[command](names)
+        {"trace": trace, "compare": compare, "pictures": pictures}[command](names)
