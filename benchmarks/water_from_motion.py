@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How right the water is that clips tell: python benchmarks/water_from_motion.py [first] [last] [maps|stereo|clip|haze]
+"""How right the water is that clips tell: python benchmarks/water_from_motion.py [first] [last] [KIND]
 
 Dives of seeds first to last (not included; default 201 to 221) in five Jerlov types: floor, walls and rocks
 (`tests/depth/wet_dive.py`) through the solved light of the water, under moving caustics of half to twice their usual
@@ -9,7 +9,8 @@ of 512 columns, over ten seconds of a camera that swims 4 m.
 maps: distances are the true ones, off by 1.5 % over patches of 6 degrees (default). stereo: those of
 `mr360uw.depth.distances`, from 24 neighbours, sure ones alone. clip: all of it as a user has it, a video of five frames
 a second and the camera's path, `depth_of_clip` and `water_of_clip`. haze: maps of dives in plain haze of any colour,
-whose veil is the same all around in each second one, and brighter above in the others.
+whose veil is the same all around in each second one, and brighter above in the others. traced: path-traced worlds,
+whose veil varies about the sun and before reefs, and whose water blurs (`closed/traced_world.py`, half a minute each).
 
 Attenuation: of the transmittance between the distances between which eight of ten places are seen. Veil: of the horizon
 in the exposure of the clip. The last rows are of clips that are hard: of a camera that hardly moves, and of a floor
@@ -28,6 +29,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import mr360uw as uw
+from benchmarks.closed.traced_world import TracedWorld
 from mr360uw.depth.clip_water import seen_places
 from mr360uw.medium.water import JerlovType
 from mr360uw.medium.water_by_distance import WaterByDistance, water_by_distance
@@ -50,7 +52,10 @@ def main(first: int = 201, last: int = 221, maps: str = "maps") -> None:
         dive = WetDive(seed, TYPES[seed % 5], strength)
         if maps == "haze":
             dive = HazyDive(seed, strength, tilted=seed % 2 > 0)
-        seen = seen_places(dive.frames(SECONDS, FRAMES, stereo=maps == "stereo"))
+        if maps == "traced":
+            dive = TracedWorld(seed, TYPES[seed % 5])
+        still = isinstance(dive, TracedWorld)
+        seen = dive.seen() if still else seen_places(dive.frames(SECONDS, FRAMES, stereo=maps == "stereo"))
         found = of_clip(dive) if maps == "clip" else water_by_distance(seen)
         if found.problem:
             said += 1

@@ -177,7 +177,7 @@ def seen_places(frames: Sequence[LitFrame]) -> SeenPlaces:
     count, middle = len(points), points.mean(axis=1)
     away = middle[:, None] - np.array([frame.position for frame in frames])
     distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-6)
-    up = away[..., 1] / distance
+    up, across = away[..., 1] / distance, away[..., ::2] / distance[..., None]
     seen = np.stack([_shows(points, frame) for frame in frames], axis=1) & (np.abs(up) < _HIGHEST)
     farthest = np.where(seen, distance, 0.0).max(axis=1)
     light = np.zeros((count, len(frames), 3))
@@ -187,7 +187,7 @@ def seen_places(frames: Sequence[LitFrame]) -> SeenPlaces:
         seen[:, k] &= told
     part = np.unique(np.floor(middle / _PART_M).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
     open_up, open_light = _open_water(frames)
-    return SeenPlaces(light, distance, up, seen, part, open_up, open_light)
+    return SeenPlaces(light, distance, up, across, seen, part, open_up, open_light)
 
 
 def _windows(frame: LitFrame) -> Array:

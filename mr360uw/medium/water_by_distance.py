@@ -4,13 +4,13 @@
 A place of a scene sends the light L0, unknown and its own in each channel. From the distance d, in a direction whose y
 is u, a camera sees
 
-    L = L0 exp(-c d) + V(u) (1 - exp(-e(u) d))        e(u) = c (a - k u)        V(u) = V exp(g u + h u^2)
+    L = L0 exp(-c d) + V(u) (1 - exp(-e(u) d))      e(u) = c (a - k u)      V(u) = V exp(g u + h u^2 + p x + q z)
 
-c: attenuation [1/m]. V: light of open water along the horizon, the veil of a long way. The veil of ways that lead
-down fills up faster and to less; that of a channel whose longer waves are lost soon fills up more slowly than things
-fade, as its shorter waves come from farther: a = (c/c')^-0.75, c' of the next shorter channel. So it is, nearly, in the
-solved light fields of all types of water; in plain haze (Koschmieder 1924), a is 1 and g, h and k are 0. Either is
-likely before a clip is seen, and what lies between them.
+x, z: of the direction. c: attenuation [1/m]. V: light of open water along the horizon, the veil of a long way. The
+veil of ways that lead down fills up faster and to less; that of a channel whose longer waves are lost soon fills up
+more slowly than things fade, as its shorter waves come from farther: a = (c/c')^-0.75, c' of the next shorter channel.
+So it is, nearly, in the solved light fields of all types of water; in plain haze (Koschmieder 1924), a is 1 and g, h,
+k, p and q are 0. Either is likely before a clip is seen, and what lies between them.
 
 L0 is eliminated for each place by least squares. Light that moves over a place (caustics) changes L0 from frame to
 frame; the more a place changes, the less it counts, and large deviations are clipped, all relative to exp(-c d), so
@@ -38,6 +38,9 @@ _SLOWER, _SLOWER_SPREAD, _SLOWER_LEAST = 0.45, 0.4, 0.1
 in plain haze."""
 _SLOPE, _SLOPE_SPREAD = 0.9, 0.7
 """g, and its standard deviation: 1.4 in these fields, 0 in plain haze."""
+_SIDE_SPREAD = 0.6
+"""Standard deviation of p and of q: the veil is brighter towards the sun, and darker before a reef. Half as large, nine
+of ten intervals do not hold in turbid water."""
 _BEND_SPREAD = 0.5
 """Standard deviation of h, whose mean is 0."""
 _CLEAREST, _MURKIEST = 0.005, 3.0
@@ -80,15 +83,16 @@ _DEPTH_M = 5.0
 class SeenPlaces:
     """Places of a scene in frames of a clip, and its open water.
 
-    light: (n, k, 3) linear light of n places in k frames. distance_m, up: (n, k) from the camera, and y of the
-    direction from it. seen: (n, k) whether a place is seen in a frame. part: (n,) number of the part of the scene that
-    a place belongs to; parts are resampled whole. open_up: (m,), open_light: (m, 3) typical light of open water in
-    directions, none where it is not seen.
+    light: (n, k, 3) linear light of n places in k frames. distance_m, up, across: (n, k) from the camera, y of the
+    direction from it, and (n, k, 2) its x and z. seen: (n, k) whether a place is seen in a frame. part: (n,) number of
+    the part of the scene that a place belongs to; parts are resampled whole. open_up: (m,), open_light: (m, 3) typical
+    light of open water in directions, none where it is not seen.
     """
 
     light: Array
     distance_m: Array
     up: Array
+    across: Array
     seen: NDArray[np.bool_]
     part: NDArray[np.int64]
     open_up: Array
@@ -205,7 +209,8 @@ def _untold(places: int, ratio: float) -> WaterByDistance:
 class _Draw:
     """A sample of places and frames. places: (n,) and frames: (k,) how often each counts.
 
-    faster, slope, slower: k, g and log a, and open_off: open water, in standard deviations from what is expected.
+    faster, slope, slower, side: k, g, log a, p and q, and open_off: open water, in standard deviations from what is
+    expected.
     drift: of the logarithm of light with that of distance.
     """
 
@@ -216,6 +221,7 @@ class _Draw:
     slope: float = 0.0
     drift: float = 0.0
     open_off: float = 0.0
+    side: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def random(cls, seen: SeenPlaces, chosen: NDArray[np.int64], rng: np.random.Generator) -> _Draw:
@@ -223,15 +229,16 @@ class _Draw:
         parts, number = np.unique(seen.part[chosen], return_inverse=True)
         count = seen.light.shape[1]
         often, frames = (np.bincount(rng.integers(0, n, n), minlength=n) for n in (len(parts), count))
-        faster, slower, slope, drift, off = rng.standard_normal(5)
-        return cls(often[number].astype(float), frames.astype(float), faster, slower, slope, _DRIFT * drift, off)
+        faster, slower, slope, drift, off, *side = rng.standard_normal(7)
+        weights = often[number].astype(float), frames.astype(float)
+        return cls(*weights, faster, slower, slope, _DRIFT * drift, off, tuple(side))
 
 
 class _Channel:
     """The light of places in one channel, as one row for each place and frame that shows it.
 
-    Fits of it are theta (6,): log c, log V, g, h, log a and k of the module's text. shorter: log c of the next shorter
-    waves, None for blue.
+    Fits of it are theta (8,): log c, log V, g, h, log a, k, p and q of the module's text. shorter: log c of the next
+    shorter waves, None for blue.
     """
 
     def __init__(self, seen: SeenPlaces, chosen: NDArray[np.int64], channel: int) -> None:
@@ -240,21 +247,22 @@ class _Channel:
         self._count = shown.sum(axis=1)
         self._light = seen.light[chosen, :, channel][shown]
         self._distance, self._up = seen.distance_m[chosen][shown], seen.up[chosen][shown]
+        self._across = seen.across[chosen][shown]
         self._far = np.log(self._distance) - np.mean(np.log(self._distance))
         self._open_up = seen.open_up
         self._open = np.log(np.maximum(seen.open_light[:, channel], _STEPS))
         coarse = _OPEN_STEP / np.maximum(seen.open_light[:, channel], _OPEN_STEP)
         self._open_noise = np.hypot(np.hypot(_OPEN_NOISE, _OPEN_HIGH * np.maximum(seen.open_up, 0.0)), coarse)
 
-    _low = np.array([np.log(_CLEAREST), np.log(1e-5), -1.0, -2.0, -1.5, 0.0])
-    _high = np.array([np.log(_MURKIEST), np.log(4.0), 4.0, 2.0, 0.5, 1.0])
+    _low = np.array([np.log(_CLEAREST), np.log(1e-5), -1.0, -2.0, -1.5, 0.0, -1.5, -1.5])
+    _high = np.array([np.log(_MURKIEST), np.log(4.0), 4.0, 2.0, 0.5, 1.0, 1.5, 1.5])
 
     def fit(self, whole: _Draw, shorter: float | None) -> Array:
         """Return the fit of all places and frames."""
         veil = float(np.median(self._open if len(self._open) else np.log(np.maximum(self._light, 1e-4))))
         ends: list[tuple[float, Array]] = []
         for first in _STARTS:
-            theta = np.array([np.log(first), veil, _SLOPE, 0.0, 0.0, _FASTER])
+            theta = np.array([np.log(first), veil, _SLOPE, 0.0, 0.0, _FASTER, 0.0, 0.0])
             for _ in range(_ROUNDS):
                 _, theta = self.fit_from(theta, whole, shorter, self.weight(theta))
             ends.append(self.fit_from(theta, whole, shorter, self.weight(ends[0][1] if ends else theta)))
@@ -268,7 +276,7 @@ class _Channel:
         root = np.sqrt(draw.places[self._place] * draw.frames[self._frame] * weight)
         found = least_squares(
             self._residuals, np.clip(start, self._low + 1e-6, self._high - 1e-6), bounds=(self._low, self._high),
-            x_scale=(0.1, 0.1, 0.3, 0.3, 0.1, 0.1), xtol=1e-4, ftol=1e-5, max_nfev=20,
+            x_scale=(0.1, 0.1, 0.3, 0.3, 0.1, 0.1, 0.3, 0.3), xtol=1e-4, ftol=1e-5, max_nfev=20,
             args=(draw, shorter, light, root),
         )  # fmt: skip
         return float(found.cost), found.x
@@ -288,14 +296,15 @@ class _Channel:
         c, full, slower = np.exp(theta[[0, 1, 4]])
         passed, up = np.exp(-c * self._distance), self._up
         fills = c * np.maximum(slower - theta[5] * up, 0.1)
-        beyond = light - full * np.exp(slope * up + bend * up * up) * -np.expm1(-fills * self._distance)
+        veil = full * np.exp(slope * up + bend * up * up + self._across @ theta[6:])
+        beyond = light + veil * np.expm1(-fills * self._distance)
         above, below = (np.bincount(self._place, weight * passed * one, len(self._count)) for one in (beyond, passed))
         return beyond - (above / np.maximum(below, 1e-12))[self._place] * passed, passed
 
     def _residuals(self, theta: Array, draw: _Draw, shorter: float | None, light: Array, root: Array) -> Array:
-        """Return residuals: of places in frames, of open water, and of what is known beforehand of g, h, a and k."""
+        """Return residuals: of places in frames, of open water, and of what is known beforehand of all but c and V."""
         left, _ = self._left(theta, light, root * root)
-        c, full, slope, bend, slower, faster = theta
+        c, full, slope, bend, slower, faster = theta[:6]
         up = self._open_up
         of_open = full + slope * up + bend * up * up - self._open
         # In standard deviations; the longer the waves of a channel, the less is known of a
@@ -303,7 +312,7 @@ class _Channel:
         before = np.array([
             (slope - _SLOPE) / _SLOPE_SPREAD - draw.slope, bend / _BEND_SPREAD,
             (slower + _SLOWER * longer) / (_SLOWER_LEAST + _SLOWER_SPREAD * longer) - draw.slower,
-            (faster - _FASTER) / _FASTER_SPREAD - draw.faster,
+            (faster - _FASTER) / _FASTER_SPREAD - draw.faster, *(theta[6:] / _SIDE_SPREAD - draw.side),
         ])  # fmt: skip
         return np.concatenate([left * root / np.sqrt(_ALIKE), of_open / self._open_noise - draw.open_off, before])
 

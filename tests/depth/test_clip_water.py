@@ -50,7 +50,10 @@ def places(
     truth = np.array([np.log(passed[0] / passed[1]) / np.ptp(ends), GAIN * lit.veil(1e4, DEPTH_M, 0.0)])
     seen = np.ones(distance.shape, bool)
     part = np.arange(count) // 6
-    return SeenPlaces(light, distance, up, seen, part, above, GAIN * lit.radiance(DEPTH_M + 0.0 * above, above)), truth
+    turn = r.uniform(0.0, 2.0 * np.pi, (count, 1)) + 0.0 * up
+    across = np.sqrt(1.0 - up * up)[..., None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    shown = GAIN * lit.radiance(DEPTH_M + 0.0 * above, above)
+    return SeenPlaces(light, distance, up, across, seen, part, above, shown), truth
 
 
 @pytest.fixture(autouse=True)
@@ -72,14 +75,17 @@ def test_attenuation_and_veil_of_a_type(kind: str) -> None:
     assert "green  attenuation" in str(found)
 
 
-@pytest.mark.parametrize("slope", [0.0, 1.0])
-def test_attenuation_and_veil_of_plain_haze(slope: float) -> None:
-    """Koschmieder's haze, whose veil fills up as fast as things fade, in all directions; solved water is unlike it."""
+@pytest.mark.parametrize(("slope", "side"), [(0.0, 0.0), (1.0, 0.0), (0.5, 0.6)])
+def test_attenuation_and_veil_of_plain_haze(slope: float, side: float) -> None:
+    """Koschmieder's haze, whose veil fills up as fast as things fade, in all directions; solved water is unlike it.
+
+    side: whether it is brighter on one side, as towards the sun.
+    """
     seen, _ = places("II", caustics=0.05)
     c, v = np.array([0.3, 0.12, 0.09]), np.array([0.03, 0.12, 0.2])
     own = np.random.default_rng(6).uniform(0.02, 0.6, (len(seen.part), 1, 1))
     left = np.exp(-seen.distance_m[..., None] * c)
-    light = own * left + v * np.exp(slope * seen.up)[..., None] * (1.0 - left)
+    light = own * left + v * np.exp(slope * seen.up + side * seen.across[..., 0])[..., None] * (1.0 - left)
     light *= np.exp(0.05 * np.random.default_rng(7).standard_normal(left.shape[:2]))[..., None]
     found = water_by_distance(replace(seen, light=light, open_light=v * np.exp(slope * seen.open_up)[:, None]))
     assert not found.problem
