@@ -104,7 +104,7 @@ def export_tiles(
     ['caustic_0000.png', 'height_0000.png', 'normal_0000.png', 'tiles.json']
     """
     s = settings or CausticSettings()
-    sun = check_arguments(sun_direction_in_air, [depth_m], s.size, s.grid, refractive_index, s.sun_half_angle_rad)
+    sun = check_arguments(sun_direction_in_air, [depth_m], s.size, refractive_index, s.sun_half_angle_rad)
     grid = grid_of(s, sea, depth_m)
     paths = _free_paths(Path(folder), frames, loop_s, image_format, overwrite=overwrite)
     looping = type(sea).model_validate(sea.model_dump() | {"loop_s": loop_s})

@@ -140,8 +140,8 @@ def caustic_map(
     >>> ratio.shape, round(ratio.mean(), 6)
     ((32, 32), np.float64(1.0))
     """
-    sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
-    surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
+    sun = check_arguments(sun_direction_in_air, [depth_m], size, refractive_index, sun_half_angle_rad)
+    surface = sea.grid_surface(whole("grid", grid, 2, 8192), 0.0 if method == "scrolling" else time_s)
     light = RefractedBeam(sea, surface, sun, refractive_index)
     ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))
     return _scrolled(ratio, sea, time_s) if method == "scrolling" else ratio
@@ -205,7 +205,7 @@ def caustic_stack(
     ((2, 16, 16, 3), [1.0, 4.0])
     """
     s = settings or CausticSettings()
-    sun = check_arguments(sun_direction_in_air, depths_m, s.size, s.grid, refractive_index, s.sun_half_angle_rad)
+    sun = check_arguments(sun_direction_in_air, depths_m, s.size, refractive_index, s.sun_half_angle_rad)
     depths = np.asarray(depths_m, np.float64)
     grid = grid_of(s, sea, float(depths[0]))
     sun_in_water = refract_to_water(sun, refractive_index)
@@ -362,7 +362,6 @@ def check_arguments(
     sun_direction_in_air: ArrayLike,
     depths_m: Sequence[float] | Floats,
     size: int,
-    grid: int | None,
     refractive_index: float,
     sun_half_angle_rad: float,
 ) -> Floats:
@@ -379,8 +378,6 @@ def check_arguments(
     if np.any(np.diff(depths) <= 0.0):
         raise ParameterError(f"depths_m - must ascend (got {depths.tolist()!r:.80}) - sort them")
     whole("size", size, 1, 16384)
-    if grid is not None:
-        whole("grid", grid, 2, 8192)
     check_refractive_index(refractive_index)
     if not 0.0 <= sun_half_angle_rad <= 0.5:
         raise ParameterError(f"sun_half_angle_rad - outside [0, 0.5] (got {sun_half_angle_rad}) - the sun has 0.00465")
