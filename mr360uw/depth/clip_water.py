@@ -177,7 +177,8 @@ def seen_places(frames: Sequence[LitFrame]) -> SeenPlaces:
     count, middle = len(points), points.mean(axis=1)
     away = middle[:, None] - np.array([frame.position for frame in frames])
     distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-6)
-    up, across = away[..., 1] / distance, away[..., ::2] / distance[..., None]
+    up = away[..., 1] / distance
+    across = away[..., ::2] / distance[..., None]
     seen = np.stack([_shows(points, frame) for frame in frames], axis=1) & (np.abs(up) < _HIGHEST)
     farthest = np.where(seen, distance, 0.0).max(axis=1)
     light = np.zeros((count, len(frames), 3))
