@@ -12,9 +12,9 @@ a second and the camera's path, `depth_of_clip` and `water_of_clip`. haze: maps 
 whose veil is the same all around in each second one, and brighter above in the others. traced: path-traced worlds,
 whose veil varies about the sun and before reefs, and whose water blurs (`closed/traced_world.py`, half a minute each).
 
-Attenuation: of the transmittance between the distances between which eight of ten places are seen. Veil: of the horizon
-in the exposure of the clip. The last rows are of clips that are hard: of a camera that hardly moves, and of a floor
-alone under caustics of three times their strength.
+Intervals are those of all dives, told or not. Attenuation: of the transmittance between the distances between which
+eight of ten places are seen. Veil: of the horizon in the exposure of the clip. The last rows are of clips that are
+hard: of a camera that hardly moves, and of a floor alone under caustics of three times their strength.
 """
 
 from __future__ import annotations
@@ -57,13 +57,14 @@ def main(first: int = 201, last: int = 221, maps: str = "maps") -> None:
         still = isinstance(dive, TracedWorld)
         seen = dive.seen() if still else seen_places(dive.frames(SECONDS, FRAMES, stereo=maps == "stereo"))
         found = of_clip(dive) if maps == "clip" else water_by_distance(seen)
+        c, v = dive.truth(seen)
+        if np.all(np.isfinite(found.attenuation)):
+            inside.append((_within(found, "attenuation", c), _within(found, "veil", v)))
         if found.problem:
             said += 1
             print(f"{seed} {dive.kind:3s}   {found.problem}", flush=True)
             continue
-        c, v = dive.truth(seen)
         errors.append((found.attenuation / c - 1.0, found.veil / v - 1.0))
-        inside.append((_within(found, "attenuation", c), _within(found, "veil", v)))
         named += maps != "haze" and found.water_type == dive.kind
         told = "  ".join(" ".join(f"{x:6.3f}" for x in 1.0 + e) for e in errors[-1])
         low, high = found.visibility_range_m
