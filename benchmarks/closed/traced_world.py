@@ -187,7 +187,9 @@ class TracedWorld:
         light[seen] = self.light(np.broadcast_to(eyes, (len(chosen), FRAMES, 3))[seen], rays[seen], PATHS)
         off = 1.0 + MAP_ERROR * self.rng.standard_normal(middle.shape)
         part = np.unique(np.floor(chosen[:, 4]).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
-        return SeenPlaces(light, middle * off, up, rays[:, :, 4, ::2], seen, part, *self.open_water())
+        open_up, shown = self.open_water()
+        exposure = 0.6 / np.quantile(light[seen].max(axis=-1), 0.99)
+        return SeenPlaces(exposure * light, middle * off, up, rays[:, :, 4, ::2], seen, part, open_up, exposure * shown)
 
     def open_water(self) -> tuple[Floats, Floats]:
         """Return y of directions (m,) and typical light (m, 3), of the least red that meet nothing within 20 m."""

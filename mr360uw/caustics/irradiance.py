@@ -466,8 +466,8 @@ def lit_corners(surface: Surface, sun: Floats, tile_m: float) -> Floats:
     steps = shadow_steps(float(np.ptp(surface.position[..., 1])), sun, tile_m, size)
     if steps == 0:
         return np.ones((size, size))
-    flat = math.hypot(float(sun[0]), float(sun[2]))
-    return _lit(fields / cell, float(sun[0]) / flat, float(sun[2]) / flat, float(sun[1]) / flat, steps)
+    along = sun[[0, 2, 1]] / math.hypot(float(sun[0]), float(sun[2]))
+    return _lit(fields / cell, float(along[0]), float(along[1]), float(along[2]), steps)
 
 
 def shadow_steps(range_m: float, sun: Floats, tile_m: float, size: int) -> int:
@@ -542,13 +542,7 @@ def _facet_flux(a: Floats, b: Floats, c: Floats, transmittance: Floats, sun_in_a
 
     transmittance: of the triangle. The corners run so that (b - a) x (c - a) points up; facets turned away get nothing.
     """
-    u, v = b - a, c - a
-    twice = (
-        sun_in_air[..., 0] * (u[..., 1] * v[..., 2] - u[..., 2] * v[..., 1])
-        + sun_in_air[..., 1] * (u[..., 2] * v[..., 0] - u[..., 0] * v[..., 2])
-        + sun_in_air[..., 2] * (u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
-    )
-    return 0.5 * transmittance * np.maximum(twice, 0.0)
+    return 0.5 * transmittance * np.maximum(np.cross(b - a, c - a) @ sun_in_air, 0.0)
 
 
 # --- Flux of cells, by exact coverage -------------------------------------------------------------------------------

@@ -55,8 +55,6 @@ def cells_across(sea: Sea, sun_half_angle_rad: float, depth_m: float = _DEEP_M) 
     bend = 1.0 - 1.0 / REFRACTIVE_INDEX_SEA
     blur = math.hypot(bend * sea.blur_slope / math.sqrt(2.0), 0.5 * sun_half_angle_rad / REFRACTIVE_INDEX_SEA)
     k, curved, bent = _curvature(sea)
-    if not np.any(bent):
-        return _FEWEST
     shown = np.exp(-np.square(k * blur * depth_m))
     finest = math.sqrt(float(shown @ bent) / max(float(shown @ curved), 1e-300))
     cells = sea.tile_m * max(

@@ -159,7 +159,7 @@ def water_by_distance(seen: SeenPlaces, seed: int = 1) -> WaterByDistance:
         return _untold(len(used), ratio)
     chosen = rng.permutation(used)[:_MOST_PLACES]
     draws = [_Draw.random(seen, chosen, rng) for _ in range(_DRAWS)]
-    whole = _Draw(np.ones(len(chosen)), np.ones(seen.light.shape[1]))
+    whole = _Draw(np.ones(len(chosen)), np.ones(seen.light.shape[1]), np.zeros(6))
     best, found = np.zeros((3, 2)), np.zeros((3, _DRAWS, 2))
     for channel in (2, 1, 0):  # each is compared with the next shorter waves
         one, shorter = _Channel(seen, chosen, channel), channel + 1
@@ -209,19 +209,15 @@ def _untold(places: int, ratio: float) -> WaterByDistance:
 class _Draw:
     """A sample of places and frames. places: (n,) and frames: (k,) how often each counts.
 
-    faster, slope, slower, side: k, g, log a, p and q, and open_off: open water, in standard deviations from what is
-    expected.
+    before: (6,) of g, h, log a, k, p and q, and open_off: of open water, in standard deviations from what is expected.
     drift: of the logarithm of light with that of distance.
     """
 
     places: Array
     frames: Array
-    faster: float = 0.0
-    slower: float = 0.0
-    slope: float = 0.0
+    before: Array
     drift: float = 0.0
     open_off: float = 0.0
-    side: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def random(cls, seen: SeenPlaces, chosen: NDArray[np.int64], rng: np.random.Generator) -> _Draw:
@@ -229,9 +225,8 @@ class _Draw:
         parts, number = np.unique(seen.part[chosen], return_inverse=True)
         count = seen.light.shape[1]
         often, frames = (np.bincount(rng.integers(0, n, n), minlength=n) for n in (len(parts), count))
-        faster, slower, slope, drift, off, *side = rng.standard_normal(7)
-        weights = often[number].astype(float), frames.astype(float)
-        return cls(*weights, faster, slower, slope, _DRIFT * drift, off, tuple(side))
+        *before, drift, off = rng.standard_normal(8)
+        return cls(often[number].astype(float), frames.astype(float), np.array(before), _DRIFT * drift, off)
 
 
 class _Channel:
@@ -304,16 +299,14 @@ class _Channel:
     def _residuals(self, theta: Array, draw: _Draw, shorter: float | None, light: Array, root: Array) -> Array:
         """Return residuals: of places in frames, of open water, and of what is known beforehand of all but c and V."""
         left, _ = self._left(theta, light, root * root)
-        c, full, slope, bend, slower, faster = theta[:6]
-        up = self._open_up
+        up, (c, full, slope, bend) = self._open_up, theta[:4]
         of_open = full + slope * up + bend * up * up - self._open
         # In standard deviations; the longer the waves of a channel, the less is known of a
         longer = 0.0 if shorter is None else max(float(c) - shorter, 0.0)
-        before = np.array([
-            (slope - _SLOPE) / _SLOPE_SPREAD - draw.slope, bend / _BEND_SPREAD,
-            (slower + _SLOWER * longer) / (_SLOWER_LEAST + _SLOWER_SPREAD * longer) - draw.slower,
-            (faster - _FASTER) / _FASTER_SPREAD - draw.faster, *(theta[6:] / _SIDE_SPREAD - draw.side),
-        ])  # fmt: skip
+        expected = np.array([_SLOPE, 0.0, -_SLOWER * longer, _FASTER, 0.0, 0.0])
+        slower = _SLOWER_LEAST + _SLOWER_SPREAD * longer
+        spread = np.array([_SLOPE_SPREAD, _BEND_SPREAD, slower, _FASTER_SPREAD, _SIDE_SPREAD, _SIDE_SPREAD])
+        before = (theta[2:] - expected) / spread - draw.before
         return np.concatenate([left * root / np.sqrt(_ALIKE), of_open / self._open_noise - draw.open_off, before])
 
 
