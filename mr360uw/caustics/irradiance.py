@@ -486,8 +486,7 @@ def _read(fields: Floats, channel: int, x: float, z: float) -> float:
     i1, j1 = (i0 + 1) % n, (j0 + 1) % n
     above = fields[j0, i0, channel] * (1.0 - fx) + fields[j0, i1, channel] * fx
     below = fields[j1, i0, channel] * (1.0 - fx) + fields[j1, i1, channel] * fx
-    value: float = above * (1.0 - fz) + below * fz
-    return value
+    return float(above * (1.0 - fz) + below * fz)
 
 
 @exact

@@ -57,9 +57,8 @@ def cells_across(sea: Sea, sun_half_angle_rad: float, depth_m: float = _DEEP_M) 
     k, curved, bent = _curvature(sea)
     shown = np.exp(-np.square(k * blur * depth_m))
     finest = math.sqrt(float(shown @ bent) / max(float(shown @ curved), 1e-300))
-    cells = sea.tile_m * max(
-        math.sqrt(bend * math.sqrt(bent.sum()) / (8.0 * _RATIO * max(blur, 1e-9))), finest / _WIDEST
-    )
+    for_rays = math.sqrt(bend * math.sqrt(bent.sum()) / (8.0 * _RATIO * max(blur, 1e-9)))
+    cells = sea.tile_m * max(for_rays, finest / _WIDEST)
     return int(np.clip(_STEP * math.ceil(min(cells, _MOST) / _STEP), _FEWEST, _MOST))
 
 

@@ -323,11 +323,8 @@ def sum_cells(
     """
     cells, size = len(flux), len(out)
     padded = np.zeros((size + 2, size + 2), np.float32)
-    place, at, share = (
-        np.empty((3, _AT_ONCE), np.float32),
-        np.empty(_AT_ONCE, np.int32),
-        np.empty((4, _AT_ONCE), np.float32),
-    )
+    place, share = np.empty((3, _AT_ONCE), np.float32), np.empty((4, _AT_ONCE), np.float32)
+    at = np.empty(_AT_ONCE, np.int32)
     row = np.empty((4, cells + 1), np.float32)
     half, one, closer = np.float32(0.5), np.float32(1.0), np.float32(1.0 / spacing)
     count = 0

@@ -201,12 +201,11 @@ def _doubt(spread: Array) -> str:
 
 def _untold(places: int, ratio: float) -> WaterByDistance:
     """Return the answer for a clip that shows too few places at different distances."""
-    none = np.full(3, np.nan)
+    none, nan = np.full(3, np.nan), float("nan")
     problem = (
         f"{places} places are seen at distances that vary enough, by {ratio:.2f} at the median (needed: {LEAST_PLACES} "
         f"places, {LEAST_RANGE:g}) - film the same rocks from near and far"
     )
-    nan = float("nan")
     return WaterByDistance(none, none, none, none, none, none, nan, (nan, nan), None, places, ratio, problem)
 
 
