@@ -201,7 +201,8 @@ def _background(shot: Shot, rows: int, columns: int, distance_m: float) -> tuple
     row, column = (side * (np.arange(-(-cells // side)) + 0.5) for cells in (rows, columns))
     directions = view.directions(*np.meshgrid(column * (view.width / columns), row * (view.height / rows)))
     seen = environment_lookup(light.residual if light.detail is None else light.detail, directions)
-    up, distance = directions[..., 1], np.full(directions.shape[:-1], distance_m)
+    up = np.asarray(directions[..., 1], np.float64)
+    distance = np.full(up.shape, distance_m)
     lost = np.maximum(1.0 - transmittance_lookup(medium, distance, up), 1e-6)
     below = 1.0 - window_share(up, shot.refractive_index)
     water = below[..., None] * veil_ahead(medium, distance, directions) / lost
