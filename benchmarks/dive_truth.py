@@ -477,7 +477,7 @@ def pictures(names: list[str]) -> None:
     for name in names or [name for name, dive in DIVES.items() if isinstance(dive.phase, tuple)]:
         dive = DIVES[name]
         traces = np.array([
-            [_means(pixels, WHOLE, WHOLE_PATHS, seed + k, *channel(dive, k), True)[:, 0] for k in range(3)]
+            [means(pixels, WHOLE, WHOLE_PATHS, seed + k, *channel(dive, k), NO_MESH, True)[:, 0] for k in range(3)]
             for seed in (5000, 6000)
         ])  # fmt: skip
         with tempfile.TemporaryDirectory() as folder:
