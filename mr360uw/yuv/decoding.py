@@ -102,7 +102,7 @@ def chroma_row(plane: Any, place: Any, offset: Any, span: Any, out: Any) -> None
             out[c] = np.float32(0.5) * (out[c] + (out[c + 1] if c + 1 < out.size else right))
 
 
-@fast
+@inlined
 def light_row(codes: Any, cb: Any, cr: Any, k: Any, table: Any, places: Any, light: Any) -> None:
     """Write the linear light (w, 3) of a row of luma codes and chroma; table: `decode_table`.
 
