@@ -121,7 +121,7 @@ def test_mattes_hold_both_eyes(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "beside.png"), np.concatenate(np.split(rows, 2), axis=1))
     for name in ("above", "beside"):
         clip = GreyClip(tmp_path / f"{name}.png", 64, 32, both=True)
-        assert [clip.at(0, eye)[0].mean() for eye in (0, 1)] == [0.0, 1.0]
+        assert [clip.at(0, eye).values.mean() for eye in (0, 1)] == [0.0, 1.0]
         assert clip.at(1, 1) is clip.at(0, 1)
     cv2.imwrite(str(tmp_path / "one.png"), rows[:16])
     with pytest.raises(VideoError, match="both eyes of 64x32"):

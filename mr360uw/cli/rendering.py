@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -169,11 +168,9 @@ def aerial(
     from mr360uw.from_above import aerial_film, load_aerial
 
     loaded = load_aerial(scene, overrides or ())
-    began = time.perf_counter()
     with terminal_progress(lines=progress_lines) as progress:
-        count = aerial_film(loaded, out, frames=frame_range(frames), overwrite=overwrite, progress=progress)
-    seconds = time.perf_counter() - began
-    typer.echo(f"wrote {out}: {count} frame{'s' * (count != 1)} in {seconds:.1f} s ({seconds / count:.2f} s each)")
+        report = aerial_film(loaded, out, frames=frame_range(frames), overwrite=overwrite, progress=progress)
+    typer.echo(str(report))
 
 
 def check(

@@ -7,7 +7,7 @@ A map of another size is enlarged along the edges of the picture (`enlarging`), 
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,16 +29,12 @@ _NEAR = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
 """Pixels (row, column) about a direction whose distances are its own."""
 _KEPT = 4
 """Frames whose distances are kept: two, of both eyes."""
-PlateSurfaces = tuple[Map, tuple[Map, Map] | None]
-"""One or two surfaces in each pixel of a picture, arrays (H, W) float32: distance [m] of the one that covers most of
-the pixel, infinite where it is not known; and distance [m] of that which covers the rest, with the fraction that it
-covers, 0 to 0.5. None: there is one in each."""
 
 
 def sure_surfaces(found: DepthMap, picture: Map) -> PlateSurfaces:
     """Return the surfaces of a map at the size of a grey picture (H, W), infinitely far where a map is not sure."""
     sure = np.where(found.confidence >= SURE, found.distance_m, np.float32(np.inf)).astype(np.float32)
-    return (sure, None) if sure.shape == picture.shape else enlarged(sure, picture)
+    return PlateSurfaces(sure) if sure.shape == picture.shape else enlarged(sure, picture)
 
 
 class PlateDepth(DepthClip):
@@ -209,6 +205,19 @@ _REACH = 10
 """Pixels to either side along an edge that are averaged."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PlateSurfaces:
+    """One or two surfaces in each pixel of a picture, arrays (H, W) float32.
+
+    distance_m: of the surface that covers most of the pixel [m], infinite where it is not known. beside_m: of that
+    which covers the rest. share: the fraction that the latter covers, 0 to 0.5. None: there is one in each.
+    """
+
+    distance_m: Map
+    beside_m: Map | None = None
+    share: Map | None = None
+
+
 def enlarged(distance_m: Map, picture: Map) -> PlateSurfaces:
     """Return distances (h, w) [m] at the size of a grey picture (H, W), codes in [0, 255], along its edges."""
     with np.errstate(divide="ignore"):
@@ -219,7 +228,7 @@ def enlarged(distance_m: Map, picture: Map) -> PlateSurfaces:
         _average_along(near, far, share.copy(), normal, share)
         mostly = share >= 0.5
         main, beside = (1.0 / np.where(mostly, *two) for two in ((near, far), (far, near)))
-        return main.astype(np.float32), (beside.astype(np.float32), np.minimum(share, 1.0 - share))
+        return PlateSurfaces(main.astype(np.float32), beside.astype(np.float32), np.minimum(share, 1.0 - share))
 
 
 @inlined

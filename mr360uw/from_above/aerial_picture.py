@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -400,6 +401,19 @@ Write = Callable[[int, AerialPicture], None]
 """Takes the number of a frame and its picture."""
 
 
+@dataclass(frozen=True, slots=True)
+class AerialReport:
+    """Files that were written. seconds: wall time."""
+
+    out: Path
+    frames: int
+    seconds: float
+
+    def __str__(self) -> str:
+        count = f"{self.frames} frame" + "s" * (self.frames != 1)
+        return f"wrote {self.out}: {count} in {self.seconds:.1f} s ({self.seconds / self.frames:.2f} s each)"
+
+
 @checked
 def aerial_film(
     scene: AerialScene,
@@ -408,8 +422,8 @@ def aerial_film(
     frames: tuple[int, int | None] = (0, None),
     overwrite: bool = False,
     progress: Progress | None = None,
-) -> int:
-    """Write pictures of a scene and return their number.
+) -> AerialReport:
+    """Write pictures of a scene and return a report.
 
     out: a picture (.png, .jpg, .exr ...: the first frame), a pattern of pictures (sea_%04d.exr) or a video (.mp4, .mov,
     .mkv, .webm). EXR files have the parts of `picture_parts`. frames: [start, stop); None: to the film's end. A scene
@@ -417,10 +431,12 @@ def aerial_film(
 
     Each file appears when it is complete. Raises `ParameterError`, `VideoError` and `OutputExistsError`.
     """
+    began = time.perf_counter()
     path, rate = Path(out), Fraction(scene.film.frame_rate).limit_denominator(1001)
     check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
     if scene.plate is not None:
-        return _write_onto_plate(scene, path, frames, overwrite=overwrite, progress=progress)
+        done = _write_onto_plate(scene, path, frames, overwrite=overwrite, progress=progress)
+        return AerialReport(path, done, time.perf_counter() - began)
     start, stop = _range(scene, path, frames, rate)
     with _output(scene, path, rate, overwrite) as write:
         with files_read() as read:
@@ -430,7 +446,7 @@ def aerial_film(
             write(index, loaded.picture(float(index / rate)))
             if progress is not None:
                 progress(index - start + 1, stop - start)
-    return stop - start
+    return AerialReport(path, stop - start, time.perf_counter() - began)
 
 
 @checked

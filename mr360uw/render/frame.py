@@ -229,11 +229,14 @@ def shown_to_eye(
     mask, metres = now.mattes.at(plate.index, number)
     # What the plate's own depth hides is added to the mattes, with what lies beside the edges of it
     if now.plate_depth is not None:
-        of_plate, beside = now.plate_depth.surfaces(plate.index, plate, number)
+        of_plate = now.plate_depth.surfaces(plate.index, plate, number)
+        nearer = [of_plate.distance_m, of_plate.beside_m]
+        if metres is not None:
+            nearer = [None if one is None else np.minimum(metres, one) for one in nearer]
+        metres, beside_m = nearer
         shown["holdout_soft"] = True
-        if beside is not None:
-            shown["holdout_beside"] = beside[0] if metres is None else np.minimum(metres, beside[0]), beside[1]
-        metres = of_plate if metres is None else np.minimum(metres, of_plate)
+        if beside_m is not None and of_plate.share is not None:
+            shown["holdout_beside"] = beside_m, of_plate.share
     return shown | {"holdout": mask, "holdout_distance_m": metres}
 
 

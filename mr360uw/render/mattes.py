@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +28,14 @@ _FINEST = 1.0 / 4096.0
 """Step, as a fraction of the range, above which a distance map is smoothed: 12 bits and coarser."""
 
 
-Grey = tuple[Floats, float]
-"""One picture: values (h, w) float32, as fractions of white, and their rounding step; 0 of floating point files, whose
-values are as stored."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Grey:
+    """One picture. values: (h, w) float32, as fractions of white. step: their rounding step; 0 of floating point files,
+    whose values are as stored.
+    """
+
+    values: Floats
+    step: float
 
 
 class GreyClip:
@@ -92,7 +97,7 @@ class GreyClip:
             step = (1.0 if frame.yuv is None else _LOSSY_STEPS) / ((1 << frame.spec.bits) - 1)
         whole = frame.image_linear.mean(axis=-1)
         parts = [whole] if self._axis is None else np.split(whole, 2, axis=self._axis)
-        return tuple((part, step) for part in parts)
+        return tuple(Grey(part, step) for part in parts)
 
 
 def _is_like(shape: tuple[int, int], width: int, height: int, axis: int) -> bool:
@@ -107,9 +112,8 @@ def distances(grey: Grey, range_m: tuple[float, float]) -> Floats:
     range_m: distances of black and white; a floating point picture holds metres. Values within half a step of 0 count
     as 0.
     """
-    values, step = grey
-    metres = map_range(values, range_m) if step else values
-    nothing = 0.5 * step * abs(range_m[1] - range_m[0])
+    metres = map_range(grey.values, range_m) if grey.step else grey.values
+    nothing = 0.5 * grey.step * abs(range_m[1] - range_m[0])
     return np.where(np.isfinite(metres) & (metres > nothing), metres, np.inf)
 
 
@@ -130,7 +134,7 @@ class Mattes:
         for settings, clip in self._clips:
             found |= dict.fromkeys(clip.notes)
             if settings.kind == "mask":
-                found |= dict.fromkeys(_doubts(settings, clip.at(0)[0]))
+                found |= dict.fromkeys(_doubts(settings, clip.at(0)))
         return tuple(found)
 
     def check(self, stop: int) -> None:
@@ -158,9 +162,9 @@ _LEAST_HIDDEN, _MOST_HIDDEN = 1.0 / 255.0, 0.9
 """Largest weight of a mask that hides nothing, and mean weight of one that hides nearly all: one that is inverted."""
 
 
-def _doubts(settings: HoldoutSettings, values: Floats) -> Iterator[str]:
+def _doubts(settings: HoldoutSettings, grey: Grey) -> Iterator[str]:
     """Yield a line where a mask hides nothing, or nearly all that is drawn."""
-    weight = 1.0 - values if settings.invert else values
+    weight = 1.0 - grey.values if settings.invert else grey.values
     turn = "remove invert" if settings.invert else "set invert = true for the holdout"
     if float(weight.max()) < _LEAST_HIDDEN:
         yield f"{settings.path} - hides nothing in frame 0 (it is black all over) - {turn} if it is inverted"
@@ -178,12 +182,11 @@ def _matte_of(settings: HoldoutSettings, size: tuple[int, int], grey: Grey) -> F
     """Return the matte (H, W) of a holdout's picture, at a size (W, H): weights in [0, 1], or metres."""
     import cv2
 
-    values = grey[0]
-    same = values.shape == size[::-1]
+    same = grey.values.shape == size[::-1]
     if settings.kind == "distance":
         metres = distances(grey, settings.range_m)
         return metres if same else cv2.resize(metres, size, interpolation=cv2.INTER_NEAREST_EXACT)
-    weight = values if same else cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
+    weight = grey.values if same else cv2.resize(grey.values, size, interpolation=cv2.INTER_LINEAR)
     return 1.0 - weight if settings.invert else weight
 
 
@@ -217,6 +220,6 @@ class ReceiverClip:
     def _shaped(self, grey: Grey) -> Receiver:
         low, high = self._settings.range_m
         metres = distances(grey, self._settings.range_m)
-        if grey[1] > _FINEST:
-            metres = without_steps(metres, grey[1] * abs(high - low))
+        if grey.step > _FINEST:
+            metres = without_steps(metres, grey.step * abs(high - low))
         return replace(self._receiver, distance_m=metres)

@@ -345,7 +345,7 @@ def _depth_picture(shown: ShownFrame) -> Codes:
     receiver, plate_m, floor_m = shown.receiver, np.full(distance.shape, np.inf), np.full(distance.shape, np.inf)
     if shown.loaded.plate_depth is not None:
         plate = shown.frame.plate
-        plate_m = shown.loaded.plate_depth.surfaces(plate.index, plate)[0][rows[:, None], columns]
+        plate_m = shown.loaded.plate_depth.surfaces(plate.index, plate).distance_m[rows[:, None], columns]
     if receiver is not None:
         x, y = np.broadcast_arrays(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])
         floor_m, _ = ReceiverShape(receiver, view.position).meet(view, x, y)

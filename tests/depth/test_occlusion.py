@@ -74,12 +74,12 @@ def test_small_maps_keep_to_the_edges_of_the_picture() -> None:
     near[:, :40] = False
     covered = cv2.blur(near.astype(np.float32), (2, 2))
     middles = cv2.resize(near.astype(np.float32), (64, 32), interpolation=cv2.INTER_AREA) > 0.5
-    distance_m, beside = enlarged(np.where(middles, 2.0, 8.0).astype(np.float32), 150.0 - 90.0 * covered)
-    assert beside is not None
-    beside_m, share = beside
-    for metres in (distance_m, beside_m):
+    found = enlarged(np.where(middles, 2.0, 8.0).astype(np.float32), 150.0 - 90.0 * covered)
+    assert found.beside_m is not None
+    assert found.share is not None
+    for metres in (found.distance_m, found.beside_m):
         assert np.all(np.isclose(metres, 2.0) | np.isclose(metres, 8.0))
-    part = np.where(distance_m < 4.0, 1.0 - share, np.where(beside_m < 4.0, share, 0.0))
+    part = np.where(found.distance_m < 4.0, 1.0 - found.share, np.where(found.beside_m < 4.0, found.share, 0.0))
     wide = np.ones((9, 9), np.uint8)
     band = cv2.dilate(near.astype(np.uint8), wide) != cv2.erode(near.astype(np.uint8), wide)
     wrong = np.abs(part - covered)[band].mean()
@@ -93,10 +93,10 @@ def test_small_maps_are_smooth_where_there_is_one_surface() -> None:
     down = np.radians(np.linspace(20.0, 60.0, 64))[:, None] * np.ones(256)
     floor = (1.6 / np.sin(down)).astype(np.float32)
     grain = np.random.default_rng(1).uniform(0.0, 255.0, floor.shape).astype(np.float32)
-    distance_m, beside = enlarged(cv2.resize(floor, (64, 16), interpolation=cv2.INTER_AREA), grain)
-    assert beside is not None
-    assert not np.any(beside[1])
-    assert np.abs(distance_m / floor - 1.0)[4:-4].max() < 0.01
+    found = enlarged(cv2.resize(floor, (64, 16), interpolation=cv2.INTER_AREA), grain)
+    assert found.share is not None
+    assert not np.any(found.share)
+    assert np.abs(found.distance_m / floor - 1.0)[4:-4].max() < 0.01
 
 
 @pytest.mark.parametrize("kind", ["metric", "inverse"])
@@ -115,7 +115,7 @@ def test_maps_of_other_programs_are_taken(kind: Any, suffix: str, tmp_path: Path
     assert np.all(np.isinf(found.distance_m[5:9, 5:9]))
     seen = np.isfinite(found.distance_m)
     assert np.allclose(found.distance_m[seen], metres[seen], rtol=2e-3)
-    assert np.array_equal(sure_surfaces(found, np.zeros((64, 128), np.float32))[0], found.distance_m)
+    assert np.array_equal(sure_surfaces(found, np.zeros((64, 128), np.float32)).distance_m, found.distance_m)
     with pytest.raises(VideoError, match="no map for frame 1"):
         clip.check(2)
 

@@ -109,7 +109,8 @@ def test_plates_take_bodies(square: dict[str, Any], tmp_path: Path) -> None:
     codes = np.clip(255.0 * plate ** (1.0 / 2.2), 0, 255).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "drone.png"), codes[..., ::-1])
     scene = with_objects(base, square, plate={"path": str(tmp_path / "drone.png")})
-    assert aerial_film(scene, tmp_path / "out.png") == 1
+    report = aerial_film(scene, tmp_path / "out.png")
+    assert report.frames == 1
     out = cv2.imread(str(tmp_path / "out.png"))[..., ::-1]
     layer = LoadedAerial.of(scene).layer(0.0, (48, 32))
     alpha, shaded = layer.alpha, np.any(layer.ratio != 1.0, axis=-1)
@@ -129,7 +130,7 @@ def test_videos_of_drones_stay_flat(square: dict[str, Any], tmp_path: Path) -> N
     small = with_objects(base, square)
     aerial_film(replace_camera(small, width=16, height=8), tmp_path / "drone.mp4", frames=(0, 1))
     scene = with_objects(base, square, plate={"path": str(tmp_path / "drone.mp4")})
-    assert aerial_film(scene, tmp_path / "out.mp4") == 1
+    assert aerial_film(scene, tmp_path / "out.mp4").frames == 1
     assert read_spherical(tmp_path / "out.mp4") is None
     with open_video(tmp_path / "out.mp4", equirectangular=False) as video:
         assert (video.width, video.height) == (16, 8)

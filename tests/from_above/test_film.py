@@ -79,8 +79,8 @@ def test_the_command_writes_pictures_and_parts(sea: Path, tmp_path: Path, aerial
 
 def test_videos_are_marked_as_spheres_where_they_are(sea: Path, tmp_path: Path) -> None:
     counted: list[tuple[int, int | None]] = []
-    count = aerial_film(load_aerial(sea), tmp_path / "a.mp4", progress=lambda *at: counted.append(at))
-    assert (count, counted) == (3, [(1, 3), (2, 3), (3, 3)])
+    report = aerial_film(load_aerial(sea), tmp_path / "a.mp4", progress=lambda *at: counted.append(at))
+    assert (report.frames, counted) == (3, [(1, 3), (2, 3), (3, 3)])
     assert read_spherical(tmp_path / "a.mp4") is None
     data = (tmp_path / "a.mp4").read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")
