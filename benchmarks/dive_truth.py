@@ -36,7 +36,7 @@ PLATE_PATHS, REGION_PATHS = 1500, 800_000
 """Paths a pixel of the plate and a region, in each channel: noise of 0.2 % in a region."""
 PEAK_RAD = 0.01
 """Angle [rad] within which a tabulated phase function is level: its peak would be noise."""
-_CLOSE, _FAR = 1e-6, 1e30
+_CLOSE, FAR = 1e-6, 1e30
 
 
 def phase_table(phase: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -62,7 +62,8 @@ def _between(x, xs, ys):
 
 
 @numba.njit(inline="always")
-def _fresnel(cosine, n):
+def fresnel(cosine, n):
+    """Return what the surface sends back of light from below; n: refractive index."""
     s2 = (1.0 - cosine * cosine) * n * n
     if s2 >= 1.0:
         return 1.0
@@ -72,12 +73,13 @@ def _fresnel(cosine, n):
 
 
 @numba.njit(inline="always")
-def _hit_ball(o, d, ball):
+def hit_ball(o, d, ball):
+    """Return the distance to a ball, `FAR` for none; ball: middle and radius."""
     x, y, z = o[0] - ball[0], o[1] - ball[1], o[2] - ball[2]
     b = x * d[0] + y * d[1] + z * d[2]
     q = b * b - (x * x + y * y + z * z - ball[3] * ball[3])
     if q <= 0.0 or -b - np.sqrt(q) < _CLOSE:
-        return _FAR
+        return FAR
     return -b - np.sqrt(q)
 
 
@@ -88,12 +90,12 @@ def _hit_box(o, d, box):
     x, y, z = o[0] - box[0], o[1] - box[1], o[2] - box[2]
     lo = (x * c - z * s, y, x * s + z * c)
     ld = (d[0] * c - d[2] * s, d[1], d[0] * s + d[2] * c)
-    near, far, axis, side = -_FAR, _FAR, 0, 0.0
+    near, far, axis, side = -FAR, FAR, 0, 0.0
     for i in range(3):
         half = box[3 + i]
         if abs(ld[i]) < 1e-14:
             if abs(lo[i]) > half:
-                return _FAR, 0, 0.0
+                return FAR, 0, 0.0
             continue
         a, b = (-half - lo[i]) / ld[i], (half - lo[i]) / ld[i]
         of = -1.0
@@ -104,11 +106,11 @@ def _hit_box(o, d, box):
         far = min(far, b)
     if near < far and near > _CLOSE:
         return near, axis, side
-    return _FAR, 0, 0.0
+    return FAR, 0, 0.0
 
 
 @numba.njit(inline="always")
-def _turn(d, cosine, turn):
+def turn_by(d, cosine, turn):
     """Turn a unit vector by an angle, about itself by another."""
     sine = np.sqrt(max(0.0, 1.0 - cosine * cosine))
     x, y, z = d[0], d[1], d[2]
@@ -125,6 +127,23 @@ def _turn(d, cosine, turn):
     d[2] *= r
 
 
+@numba.njit(inline="always")
+def leave_matt(d, nx, ny, nz):
+    """Set a direction in which a matt surface of a normal sends light on, at random."""
+    d[0], d[1], d[2] = nx, ny, nz
+    turn_by(d, np.sqrt(1.0 - np.random.random()), 2.0 * np.pi * np.random.random())
+
+
+@numba.njit(inline="always")
+def going_on(weight):
+    """Return the weight with which a path goes on, 0 where it ends: faint ones do so at random, and the others make up
+    for them.
+    """
+    if weight >= 0.1:
+        return weight
+    return 0.1 if np.random.random() <= weight / 0.1 else 0.0
+
+
 @numba.njit
 def hit_mesh(o, d, mesh, any_):
     """Return the distance to the nearest triangle of a mesh, or to any, its number (-1: none), and where on it.
@@ -133,12 +152,12 @@ def hit_mesh(o, d, mesh, any_):
     triangles; triangles (n, 3, 3), their normals (n, 3), their places in the texture (n, 3, 2), and that, (h, w).
     """
     nodes, triangles = mesh[0], mesh[1]
-    best, who, at_u, at_v, top = _FAR, -1, 0.0, 0.0, min(len(nodes), 1)
+    best, who, at_u, at_v, top = FAR, -1, 0.0, 0.0, min(len(nodes), 1)
     stack = np.zeros(64, np.int64)
     while top > 0:
         top -= 1
         number = stack[top]
-        node, near, far = nodes[number], -_FAR, _FAR
+        node, near, far = nodes[number], -FAR, FAR
         for i in range(3):
             inverse = 1.0 / (d[i] if abs(d[i]) > 1e-12 else 1e-12)
             a, b = (node[i] - o[i]) * inverse, (node[3 + i] - o[i]) * inverse
@@ -172,7 +191,7 @@ def hit_mesh(o, d, mesh, any_):
 @numba.njit(inline="always")
 def _is_lit(o, sun, ball, box, mesh):
     """Return whether no body is between a place and the sun."""
-    free = _hit_ball(o, sun[:3], ball) == _FAR and _hit_box(o, sun[:3], box)[0] == _FAR
+    free = hit_ball(o, sun[:3], ball) == FAR and _hit_box(o, sun[:3], box)[0] == FAR
     return free and hit_mesh(o, sun[:3], mesh, True)[1] < 0
 
 
@@ -188,13 +207,13 @@ def _trace(o, d, water, floor, place, sun, table, ball, box, mesh, bodies):
     top, bottom, sky = place
     light, weight = 0.0, 1.0
     for _ in range(2000):
-        t, kind, axis, side, who, u, v = _FAR, 0, 0, 0.0, -1, 0.0, 0.0
+        t, kind, axis, side, who, u, v = FAR, 0, 0, 0.0, -1, 0.0, 0.0
         if d[1] < 0.0:
             t, kind = (bottom - o[1]) / d[1], 1
         elif d[1] > 0.0:
             t, kind = (top - o[1]) / d[1], 2
         if bodies:
-            to_ball = _hit_ball(o, d, ball)
+            to_ball = hit_ball(o, d, ball)
             if to_ball < t:
                 t, kind = to_ball, 3
             to_box, axis, side = _hit_box(o, d, box)
@@ -221,9 +240,9 @@ def _trace(o, d, water, floor, place, sun, table, ball, box, mesh, bodies):
             else:
                 q = (1.0 - g * g) / (1.0 - g + 2.0 * g * part)
                 cosine = (1.0 + g * g - q * q) / (2.0 * g)
-            _turn(d, cosine, 2.0 * np.pi * np.random.random())
+            turn_by(d, cosine, 2.0 * np.pi * np.random.random())
         elif kind == 2:
-            if np.random.random() >= _fresnel(d[1], n):
+            if np.random.random() >= fresnel(d[1], n):
                 return light + weight * sky
             for i in range(3):
                 o[i] += t * d[i]
@@ -258,12 +277,10 @@ def _trace(o, d, water, floor, place, sun, table, ball, box, mesh, bodies):
             facing = nx * sun[0] + ny * sun[1] + nz * sun[2]
             if facing > 0.0 and (not bodies or _is_lit(o, sun, ball, box, mesh)):
                 light += weight * facing / np.pi * sun[3] * np.exp(-c * (top - o[1]) / sun[1])
-            d[0], d[1], d[2] = nx, ny, nz
-            _turn(d, np.sqrt(1.0 - np.random.random()), 2.0 * np.pi * np.random.random())
-        if weight < 0.1:
-            if np.random.random() > weight / 0.1:
-                return light
-            weight = 0.1
+            leave_matt(d, nx, ny, nz)
+        weight = going_on(weight)
+        if weight == 0.0:
+            return light
     return light
 
 
@@ -336,7 +353,7 @@ def _light(up, azimuth, cosine, paths, seed, water, floor, place, sun, table, ba
         across = np.sqrt(1.0 - up * up)
         d[0], d[1], d[2] = across * np.cos(turn), up, across * np.sin(turn)
         if cosine:
-            _turn(d, np.sqrt(1.0 - np.random.random()), 2.0 * np.pi * np.random.random())
+            turn_by(d, np.sqrt(1.0 - np.random.random()), 2.0 * np.pi * np.random.random())
         one = _trace(o, d, water, floor, place, sun, table, ball, box, mesh, False)
         total += one
         square += one * one

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.dive_truth import channel, hit_mesh, means
 from mr360uw.base.color import decode, encode
-from tests.lit_dives import DIVES, SIZE, LitDive, composed, plate_of
+from tests.lit_dives import DIVES, SIZE, LitDive, composed, half_pixel_rays, plate_of, whole_pixels
 
 PLACES: dict[str, tuple[tuple[float, float, float], float, float, bool]] = {
     "sand": ((-0.5, -0.5, -0.9), 0.8, 40.0, False),
@@ -130,10 +130,7 @@ def seen(o: np.ndarray, d: np.ndarray, mesh: Posed, height: float) -> tuple[np.n
 
 def regions_of(dive: LitDive, mesh: Posed) -> dict[str, np.ndarray]:
     """Return masks (H, W) of the pixels that lie wholly in a region."""
-    (height, width), h = SIZE, dive.height_m
-    rows, columns = np.meshgrid(np.arange(2 * height + 1) / 2.0, np.arange(2 * width + 1) / 2.0, indexing="ij")
-    lat, lon = np.pi * (0.5 - rows / height), 2.0 * np.pi * (columns / width - 0.5)
-    d = np.stack([np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)], axis=-1)
+    d, h = half_pixel_rays(), dive.height_m
     kind, point, normal = seen(np.zeros(3), d, mesh, h)
     body, floor, facing, up = kind == 2, kind == 1, normal @ dive.sun, normal[..., 1]
     floor &= np.linalg.norm(point, axis=-1) < 5.0 * h
@@ -155,12 +152,7 @@ def regions_of(dive: LitDive, mesh: Posed) -> dict[str, np.ndarray]:
         "umbra": floor & unlit & np.logical_and.reduce(dark), "contact": floor & (gap < 0.08 * h),
         "beside": floor & ~unlit & ~edge & (away > 1.0) & (away < 1.6),
     }  # fmt: skip
-    whole = {}
-    for name, mask in found.items():
-        nine = [mask[i : i + 2 * height - 1 : 2, j : j + 2 * width - 1 : 2] for i in range(3) for j in range(3)]
-        if np.count_nonzero(inside := np.logical_and.reduce(nine)) >= 12:
-            whole[name] = inside
-    return whole
+    return whole_pixels(found)
 
 
 def compare(name: str, path: Path, paths: int, seed: int) -> np.ndarray:

@@ -95,10 +95,7 @@ DIVES = {
 
 def regions_of(dive: LitDive) -> dict[str, np.ndarray]:
     """Return masks (H, W) of the pixels that lie wholly in a region."""
-    height, width = SIZE
-    rows, columns = np.meshgrid(np.arange(2 * height + 1) / 2.0, np.arange(2 * width + 1) / 2.0, indexing="ij")
-    lat, lon = np.pi * (0.5 - rows / height), 2.0 * np.pi * (columns / width - 0.5)
-    d = np.stack([np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)], axis=-1)
+    d = half_pixel_rays()
     kind, point, normal = _seen(dive, np.zeros(3), d)
     facing = normal @ dive.sun
     floor, free = kind == 1, np.ones(kind.shape, bool)
@@ -116,6 +113,20 @@ def regions_of(dive: LitDive) -> dict[str, np.ndarray]:
         "box, away from the sun": box & (np.abs(normal[..., 1]) < 0.5) & (facing < 0.0),
         "umbra": floor & np.logical_and.reduce(around) & ~lit & near, "floor": floor & lit & free & near,
     }  # fmt: skip
+    return whole_pixels(found)
+
+
+def half_pixel_rays() -> np.ndarray:
+    """Return directions (2 H + 1, 2 W + 1, 3) of the corners, the middles and the middles of the sides of pixels."""
+    height, width = SIZE
+    rows, columns = np.meshgrid(np.arange(2 * height + 1) / 2.0, np.arange(2 * width + 1) / 2.0, indexing="ij")
+    lat, lon = np.pi * (0.5 - rows / height), 2.0 * np.pi * (columns / width - 0.5)
+    return np.stack([np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)], axis=-1)
+
+
+def whole_pixels(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return masks (H, W) of the pixels all of whose `half_pixel_rays` are in a mask, where these are 12 or more."""
+    height, width = SIZE
     inside = {}
     for name, mask in found.items():
         nine = [mask[i : i + 2 * height - 1 : 2, j : j + 2 * width - 1 : 2] for i in range(3) for j in range(3)]

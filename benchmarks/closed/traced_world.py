@@ -12,7 +12,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from benchmarks.dive_truth import _FAR, _fresnel, _hit_ball, _turn
+from benchmarks.dive_truth import FAR, fresnel, going_on, hit_ball, leave_matt, turn_by
 from mr360uw.base.optics import fresnel_from_below, refract_to_water
 from mr360uw.base.sphere import direction_from_angles
 from mr360uw.medium import Water
@@ -34,11 +34,11 @@ _ACROSS = np.linspace(-0.03, 0.03, 3)
 @numba.njit(inline="always")
 def _nearest(o, d, balls, bottom):
     """Return the distance of what a ray meets first, and its number: of a ball, -1 for the floor, -2 for neither."""
-    t, hit = _FAR, -2
+    t, hit = FAR, -2
     if d[1] < 0.0:
         t, hit = (bottom - o[1]) / d[1], -1
     for n in range(len(balls)):
-        near = _hit_ball(o, d, balls[n])
+        near = hit_ball(o, d, balls[n])
         if near < t:
             t, hit = near, n
     return t, hit
@@ -66,7 +66,7 @@ def _path(o, d, water, place, sun, balls, channel):
         for i in range(3):
             o[i] += min(s, t) * d[i]
         if not inside and hit == -2:
-            if np.random.random() >= _fresnel(d[1], INDEX):
+            if np.random.random() >= fresnel(d[1], INDEX):
                 return light + weight * sky
             o[1], d[1] = top - 1e-9, -d[1]
             continue
@@ -87,14 +87,12 @@ def _path(o, d, water, place, sun, balls, channel):
             light += weight * sent * sun[3] * np.exp(-c * (top - o[1]) / sun[1])
         if inside:
             q = (1.0 - g * g) / (1.0 - g + 2.0 * g * np.random.random())
-            _turn(d, (1.0 + g * g - q * q) / (2.0 * g), 2.0 * np.pi * np.random.random())
+            turn_by(d, (1.0 + g * g - q * q) / (2.0 * g), 2.0 * np.pi * np.random.random())
         else:
-            d[0], d[1], d[2] = nx, ny, nz
-            _turn(d, np.sqrt(1.0 - np.random.random()), 2.0 * np.pi * np.random.random())
-        if weight < 0.1:
-            if np.random.random() > weight / 0.1:
-                return light
-            weight = 0.1
+            leave_matt(d, nx, ny, nz)
+        weight = going_on(weight)
+        if weight == 0.0:
+            return light
     return light
 
 
