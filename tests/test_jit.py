@@ -5,19 +5,25 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import importlib
 import importlib.util
 import os
 import pickle
+import pkgutil
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
+from numba.core.dispatcher import Dispatcher
 
-from mr360uw.jit import ahead
+import mr360uw
+from mr360uw.jit import ahead, exact, fast
 
 HELPER = "from mr360uw.jit import inlined\nFACTOR = {}\n@inlined\ndef part(x):\n    return x * FACTOR\n"
 LOOP = "from mr360uw.jit import {}\n@{}\ndef whole(x):\n    return part(x) + 1.0\n"
@@ -132,6 +138,36 @@ def test_a_planted_kernel_is_not_loaded(way: str, folder: Path, monkeypatch: pyt
         monkeypatch.setattr(os, "geteuid", lambda: 54321)
     assert run(folder) == (7.0, 1)
     assert not (folder / "mark").exists()
+
+
+@pytest.mark.parametrize("kind", [exact, fast])
+def test_a_kernel_that_counts_no_users_returns_no_array(
+    kind: Callable[[Any], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The caller would free what it was passed
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    with pytest.raises(TypeError, match="returns an array"):
+        kind(lambda x: x)(np.zeros(3))
+
+
+def test_a_kernel_that_counts_no_users_calls_none_that_makes_arrays() -> None:
+    # What it is returned would never be freed
+    asked, wrong = 0, []
+    for found in pkgutil.walk_packages(mr360uw.__path__, "mr360uw."):
+        for name, kernel in vars(importlib.import_module(found.name)).items():
+            if isinstance(kernel, Dispatcher) and not kernel.targetoptions.get("_nrt", True):
+                named = kernel.py_func.__globals__
+                called = [named.get(part) for part in kernel.py_func.__code__.co_names]
+                counting = [part for part in called if isinstance(part, Dispatcher) and makes_arrays(part)]
+                wrong += [f"{found.name}.{name}"] if counting else []
+                asked += 1
+    assert asked > 50
+    assert not wrong
+
+
+def makes_arrays(kernel: Dispatcher) -> bool:
+    """Return whether a kernel counts who uses arrays, and is not compiled as part of its caller."""
+    return bool(kernel.targetoptions.get("_nrt", True) and kernel.targetoptions.get("inline") != "always")
 
 
 def test_kernels_listed_for_a_plain_composite_are_there() -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.jit import exact
+from mr360uw.jit import exact, exact_making
 from mr360uw.types import Floats
 
 _OVERLAP = 1e-9
@@ -130,7 +130,7 @@ def _intersect(triangles: Any, directions: Any, weights: Any, distance: Any) -> 
         distance[n] = triple(a, b, c) / total
 
 
-@exact
+@exact_making
 def raise_to_triangles(triangles: Any, origin: Any, axes: Any, low: Any, step: Any, top: Any) -> None:
     """Raise heights `top` (m, n) to the highest triangle (T, 3, 3) at each place of a grid, as a depth buffer does.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.jit import borrowing, exact, inlined
+from mr360uw.jit import exact, inlined
 
 Vector = tuple[float, float, float]
 
@@ -72,7 +72,7 @@ def times(a: Vector, b: Vector) -> Vector:
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
-@borrowing
+@exact
 def four(t: Any, a: int, b: int, c: int, d: int, fx: float, fy: float) -> Vector:
     """Return the value between four texels of t (n, 3): a, b above, c, d below."""
     wa, wb, wc, wd = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
@@ -83,7 +83,7 @@ def four(t: Any, a: int, b: int, c: int, d: int, fx: float, fy: float) -> Vector
     )
 
 
-@borrowing
+@exact
 def periodic(t: Any, n: Any, first: int, levels: int, u: float, v: float, level: float) -> Vector:
     """Return the value of a picture with its halves at tile coordinates (`caustic_lookup.periodic_trilinear`).
 
@@ -105,7 +105,7 @@ def between(a: Vector, b: Vector, share: float) -> Vector:
     return rest * a[0] + share * b[0], rest * a[1] + share * b[1], rest * a[2] + share * b[2]
 
 
-@borrowing
+@exact
 def _periodic_level(t: Any, first: int, size: int, u: float, v: float) -> Vector:
     a, b, c, d, fx, fy = _periodic_four(first, size, u * size - 0.5, v * size - 0.5)
     return four(t, a, b, c, d, fx, fy)

@@ -235,7 +235,7 @@ class BlockGround:
             shown = np.ascontiguousarray(self.picture.linear(tile.rectangle), np.float32)
         size = (*tile.alpha.shape, 3)
         ratio, veil = np.ones(size, np.float32), np.zeros(size, np.float32)
-        _lay(self.lines, shown, tile.row, 1, tile.column, ratio, veil)
+        _lay(self.lines, shown, tile.row, 1, tile.column, ground_room(), ratio, veil)
         return replace(tile, ratio=ratio, veil=veil)
 
     def lines_of(self, part: Rectangle, first: int, step: int) -> tuple[Floats, Floats]:
@@ -246,34 +246,33 @@ class BlockGround:
         size = (len(range(first, part.height, step)), part.width, 3)
         ratio, veil = np.ones(size, np.float32), np.zeros(size, np.float32)
         plain, none = self.lines._replace(patterned=False), np.zeros((0, 0, 3), np.float32)
-        _lay(plain, none, part.row + first, step, part.column, ratio, veil)
+        _lay(plain, none, part.row + first, step, part.column, ground_room(), ratio, veil)
         return ratio, veil
 
 
 @fast
-def _lay(ground: Any, shown: Any, row: int, step: int, column: int, ratio: Any, veil: Any) -> None:
+def _lay(ground: Any, shown: Any, row: int, step: int, column: int, room: Any, ratio: Any, veil: Any) -> None:
     """Write ratio and veil (h, w, 3) of lines that are `step` apart, the first from (row, column) on.
 
-    shown: light of the plate there, or none.
+    shown: light of the plate there, or none. room: of `ground_room`.
     """
-    room = ground_room()
     for r in range(len(ratio)):
         light = shown[min(r, len(shown) - 1)] if len(shown) else shown.reshape(0, 3)
         ground_line(ground, row + r * step, column, light, room, ratio[r], veil[r])
 
 
-@inlined
-def ground_room() -> Any:
+def ground_room() -> tuple[Any, ...]:
     """Return room for a line of some blocks: ten numbers of their pixels, and as many at their sides; weight, waves and
-    added light; light of the plate, calm light, one over the pattern and the light that is lost; halves of the mean;
-    change.
+    added light; light of the plate, calm light, one over the pattern, the light that is lost, halves of the mean, and
+    room of `calm_line`; change.
     """
     room = _AT_ONCE * BLOCK
     line, side = np.empty((10, room), np.float32), np.empty((10, _AT_ONCE + 1), np.float32)
     weight, waves, added = np.empty(room, np.float32), np.empty((3, room), np.float32), np.empty((3, room), np.float32)
     plate, inverse = np.ones((2, 3, room), np.float32), np.ones((2, 3, room), np.float32)
     change = np.empty((3, room), np.float32)
-    return (line, side), (weight, waves, added), (plate, inverse, np.empty(room, np.uint32)), change
+    of_plate = plate, inverse, np.empty(room, np.uint32), np.empty(3 * room + 9, np.float32)
+    return (line, side), (weight, waves, added), of_plate, change
 
 
 @fast
@@ -282,7 +281,7 @@ def ground_line(ground: Any, y: int, x0: int, shown: Any, room: Any, ratio: Any,
 
     shown: linear light (n, 3) of the plate there, where it has caustics of its own. room: of `ground_room`.
     """
-    (line, side), (weight, waves, added), (plate, inverse, bits), change = room
+    (line, side), (weight, waves, added), (plate, inverse, bits, own), change = room
     q, x1, one = y // BLOCK, x0 + len(ratio), np.float32(1.0)
     down = (np.float32(y - q * BLOCK) + np.float32(0.5)) / np.float32(min(BLOCK, ground.height - q * BLOCK))
     end, last = ground.first[q], ground.first[q + 1]
@@ -305,7 +304,7 @@ def ground_line(ground: Any, y: int, x0: int, shown: Any, room: Any, ratio: Any,
         for b in range(blocks):
             _take_images((line, weight, waves, added), b, y - q * BLOCK, begin + b, ground.images)
         if ground.patterned:
-            _plate_line(ground, y, begin_x, shown[there], bits, plate[0, :, inside], plate[1, :, inside])
+            _plate_line(ground, y, begin_x, shown[there], (bits, own), plate[0, :, inside], plate[1, :, inside])
             _inverse_pattern(plate, line, blocks * BLOCK, ground.white, inverse)
         for k in range(3):
             share, fall, sun, free = line[k], waves[k], line[9], line[6 + k]
@@ -319,14 +318,14 @@ def ground_line(ground: Any, y: int, x0: int, shown: Any, room: Any, ratio: Any,
 
 
 @inlined
-def _plate_line(ground: Any, y: int, x: int, shown: Any, bits: Any, now: Any, calm: Any) -> None:
+def _plate_line(ground: Any, y: int, x: int, shown: Any, room: Any, now: Any, calm: Any) -> None:
     """Write the light that the plate shows (n, 3) on a line (3, n) from (y, x) on, and its calm state."""
-    n = len(shown)
+    n, (bits, own) = len(shown), room
     for k in range(3):
         for i in range(n):
             now[k, i] = shown[i, k]
     if len(ground.mean) == 0:
-        calm_line(ground.blurs, y, x, calm)
+        calm_line(ground.blurs, y, x, own, calm)
         for k in range(3):
             for i in range(n):
                 calm[k, i] = drawn_towards(now[k, i], ground.strength, calm[k, i])
@@ -344,8 +343,11 @@ def _plate_line(ground: Any, y: int, x: int, shown: Any, bits: Any, now: Any, ca
 
 
 @inlined
-def calm_line(blurs: Any, row: int, column: int, out: Any) -> None:
-    """Write a line (3, n) of a frame from (row, column) on, mixed from its `Blurs`, bilinearly between their pixels."""
+def calm_line(blurs: Any, row: int, column: int, own: Any, out: Any) -> None:
+    """Write a line (3, n) of a frame from (row, column) on, mixed from its `Blurs`, bilinearly between their pixels.
+
+    own: room for 3 n + 9 numbers of the pixels of a blurred line.
+    """
     value, table, first_row, level = blurs
     number = int(level[row - first_row])
     mixed = level[row - first_row] - np.float32(number)
@@ -364,8 +366,7 @@ def calm_line(blurs: Any, row: int, column: int, out: Any) -> None:
         step = np.float32(1.0) / np.float32(factor)
         start = (np.float32(column) + np.float32(0.5)) * step - np.float32(0.5) - np.float32(left)
         first, after = int(start), int(start + np.float32(out.shape[1] - 1) * step) + 2
-        own = np.empty(3 * (after - first), np.float32)
-        for i in range(own.size):
+        for i in range(3 * (after - first)):
             above, below = upper[3 * first + i], lower[3 * first + i]
             own[i] = weight * (above + down * (below - above))
         # Along it, between its pixels

@@ -63,7 +63,7 @@ from mr360uw.caustics.sun_disc import (
     soft_light,
 )
 from mr360uw.errors import ParameterError
-from mr360uw.jit import exact, inlined
+from mr360uw.jit import exact, exact_making, inlined
 from mr360uw.types import BeamSpread, CausticStack, Floats, Surface
 
 Floats32 = NDArray[np.float32]
@@ -489,7 +489,7 @@ def _read(fields: Floats, channel: int, x: float, z: float) -> float:
     return float(above * (1.0 - fz) + below * fz)
 
 
-@exact
+@exact_making
 def _lit(fields: Floats, along_x: float, along_z: float, rise: float, steps: int) -> Floats:
     """Return the lit points. fields: (N, N, 3) shift x, shift z, height in cells. along: towards the sun. rise: tan."""
     n = fields.shape[0]

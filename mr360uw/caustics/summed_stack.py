@@ -47,7 +47,7 @@ from mr360uw.caustics.sun_disc import (
     steps_of,
     transform_of_steps,
 )
-from mr360uw.jit import exact
+from mr360uw.jit import exact, exact_making
 from mr360uw.types import BeamSpread, CausticStack, Floats
 
 _LEAST_BLUR = 0.2
@@ -212,7 +212,7 @@ def _soft_factor(
     return soft_transform(blurs, size, tile_m).astype(np.float32)
 
 
-@exact
+@exact_making
 def vertex_rays(
     fields: tuple[Floats, ...], tile_m: float, sun: Floats, refractive_index: float, travel: Floats, out: Floats
 ) -> None:
@@ -313,7 +313,7 @@ def cell_corners(rays: Floats, out: Floats32) -> tuple[float, float, float]:
     return still / edges, mixed / edges, grown / edges
 
 
-@exact
+@exact_making
 def sum_cells(
     corners: Floats32, flux: Floats32, depth_m: float, tile_m: float, gain: float, spacing: float, out: Floats32
 ) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.jit import exact, inlined
+from mr360uw.jit import exact_making, inlined
 from mr360uw.types import Floats
 
 PLANE_TOLERANCE = 0.5
@@ -128,7 +128,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@exact
+@exact_making
 def nearest_to_mean(cells: NDArray[np.int64], member: Mask, among: Mask) -> NDArray[np.int64]:
     """Return the index (n,) of the sample of `among` (n, s) nearest to the mean of members (n, s).
 
@@ -164,7 +164,7 @@ def root_of_moments(xx: Any, xy: Any, yy: Any, own: Any) -> Any:
     return (xx + root) * scale, xy * scale, (yy + root) * scale
 
 
-@exact
+@exact_making
 def frame_areas(positions: Array, member: Mask, nearest: NDArray[np.int64]) -> Array:
     """Return the areas of a pixel that members (n, s) represent, (n, 5): offset x, y, and matrix xx, xy, yy [pixels].
 

@@ -52,7 +52,7 @@ from mr360uw.composite.snow_particles import (
 )
 from mr360uw.composite.tiles import empty_tile
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.jit import exact
+from mr360uw.jit import exact, exact_making
 from mr360uw.medium.lookup import ambient_ratio, linear, transmittance_lookup
 from mr360uw.medium.phase import phase_function
 from mr360uw.medium.shafts.single_scattering import nearest_m
@@ -384,7 +384,7 @@ def _share(a: Any, v: Any, b: Any, outer: Any, soft: Any, dx: Any, dy: Any, dz: 
     return min(max((outer - np.sqrt(max(2.0 - 2.0 * x, 0.0))) / soft, 0.0), 1.0)
 
 
-@exact
+@exact_making
 def _draw(particles: Any, body: Any, rows: Any, columns: Any, before: Any, behind: Any) -> None:
     """Composite particles, the arguments of `draw_particles`, over two pictures.
 

@@ -57,7 +57,7 @@ from mr360uw.caustics.gerstner import GerstnerSea, Waves
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.settings import NEAREST_M, SnowSettings
 from mr360uw.errors import ParameterError
-from mr360uw.jit import exact
+from mr360uw.jit import exact, exact_making
 from mr360uw.medium.water import Water
 from mr360uw.types import Floats
 
@@ -120,7 +120,7 @@ def _uniform(h: Any, number: Any) -> Any:
     return (np.float64(bits >> _S11) + 0.5) / 9007199254740992.0
 
 
-@exact
+@exact_making
 def _fill(cells: Any, sizes: Any, centre: Any, span: Any, rows: Any) -> Any:
     """Write (x, y, z, diameter) of a class's particles into rows (n, 4), as many as fit; return their number.
 
@@ -215,7 +215,7 @@ def depth_factors(waves: Waves, depth_m: float, water_depth_m: float) -> tuple[F
     return (near + far) / both, (near - far) / both
 
 
-@exact
+@exact_making
 def _add_orbits(waves: Any, bottom: Any, places: Any, offset: Any, velocity: Any) -> None:
     """Add the offsets (n, 3) and velocities (n, 3) of `offsets_in_waves`.
 

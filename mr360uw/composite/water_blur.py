@@ -36,7 +36,7 @@ from mr360uw.composite.shafts import code_change, pixels_of_blocks
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, places_in_mask, rectangles_of_mask, tile_of
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.jit import fast
+from mr360uw.jit import fast, fast_making
 from mr360uw.medium.lookup import table_coordinate, transmittance_lookup
 from mr360uw.medium.models import window_share
 from mr360uw.types import BeamSpread, Floats, Layer, Rectangle
@@ -261,7 +261,7 @@ def _spread(
     return found
 
 
-@fast
+@fast_making
 def _blur(source: Any, sigma: Any, cosine: Any, out: Any) -> None:
     """Add what a Gaussian of so many cells makes of a map (h, w, 3) of the sphere; cosine: (h,) of the latitudes.
 

@@ -20,7 +20,7 @@ from mr360uw.composite.shot import Receiver
 from mr360uw.depth.depth_files import DepthClip, Kind
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, of_windows, resized
-from mr360uw.jit import fast, inlined
+from mr360uw.jit import fast_making, inlined
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.types import Floats, View
 from mr360uw.video import VideoFrame
@@ -255,7 +255,7 @@ def _cut(nine: Any) -> Any:
     return cut
 
 
-@fast
+@fast_making
 def _split(inverse: Any, small: Any, large: Any, near: Any, far: Any, share: Any, normal: Any) -> None:
     """Write inverse distances of near and far surfaces, the fraction of the near, and normals of edges (2, H, W).
 
@@ -326,7 +326,7 @@ def _split(inverse: Any, small: Any, large: Any, near: Any, far: Any, share: Any
             share[j, i] = part * part * (3 - 2 * part)
 
 
-@fast
+@fast_making
 def _average_along(near: Any, far: Any, share: Any, normal: Any, out: Any) -> None:
     """Write fractions of near surfaces (H, W), averaged along edges with the normals (2, H, W), which paths follow.
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mr360uw.base.parameters import checked
 from mr360uw.depth.warping import Map, Panorama, Warped, carried, of_windows, resized, window_mean
 from mr360uw.errors import ParameterError
-from mr360uw.jit import fast
+from mr360uw.jit import fast_making
 from mr360uw.types import Floats
 
 _TRIALS = 64
@@ -268,7 +268,7 @@ def enlarged_map(values: Map, width: int) -> Map:
 _PATHS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
-@fast
+@fast_making
 def _add_path(cost: Any, total: Any, down: int, right: int, small: Any, large: Any) -> None:
     """Add the path costs of a direction to total (h, w, n). Rows are gone round twice to begin as they end."""
     height, width, count = cost.shape

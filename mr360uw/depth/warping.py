@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.sphere import directions
-from mr360uw.jit import fast, inlined
+from mr360uw.jit import fast, fast_making, inlined
 from mr360uw.types import Floats
 
 Map = NDArray[np.float32]
@@ -107,7 +107,7 @@ def _arctangent(y: Any, x: Any) -> Any:
     return -r if y < 0 else r
 
 
-@fast
+@fast_making
 def _add_warped(pictures: Any, turns: Any, shifts: Any, rays: Any, inverse: Any, sums: Any) -> None:
     """Write the sums (5, h, w) over n pictures that are warped by inverse distances (h, w), 0 or more.
 
@@ -296,7 +296,7 @@ def _carry(inverse: Any, rays: Any, shift: Any, seen: Any) -> None:
             seen[row, column] = max(seen[row, column], q / length)
 
 
-@fast
+@fast_making
 def _fill_rows(seen: Any) -> None:
     """Replace negative values (H, W) by the lower of the nearest others to their left and right, 0 in empty rows."""
     height, width = seen.shape

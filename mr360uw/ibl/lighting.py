@@ -42,7 +42,7 @@ from mr360uw.ibl.sun.detect import (
 from mr360uw.ibl.sun.split import UNKNOWN_RATIO, close, taken_in_part, with_sun, without_glare
 from mr360uw.ibl.sun.spots import taken_share
 from mr360uw.ibl.tilt import LEVEL, level_matrix, roll_pitch, upward
-from mr360uw.jit import fast, inlined
+from mr360uw.jit import fast_making, inlined
 from mr360uw.types import Environment, Floats, Sun, YuvImage
 from mr360uw.yuv.decoding import decode_polynomial, folded_coefficients, polynomial_light
 
@@ -315,7 +315,7 @@ def _store_blocks(red: Any, green: Any, blue: Any, peak: Any, block: Any, total:
         brightest[k] = high
 
 
-@fast
+@fast_making
 def reduce_planes(
     planes: Any, folded: Any, curve: Any, row_weight: Any, block: int, total: Any, brightest: Any
 ) -> None:

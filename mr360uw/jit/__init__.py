@@ -4,7 +4,11 @@
 `exact`     arithmetic as it is written
 `fast`      sums may be reordered, products and sums joined, divisions multiplied; no number may be infinite or NaN
 `inlined`   becomes part of the kernels that call it, with their arithmetic
-`borrowing` as `exact`, of functions that make no arrays: they do not count who uses those that they are passed
+
+These read and write the arrays that they are passed, make none and return numbers. `exact_making` and `fast_making` are
+for kernels that make arrays: they count who uses every array that they touch, in memory that all threads share, which
+in a loop over a few numbers costs more than what it does, and takes a tenth longer to compile. So a loop that needs
+room is a kernel of its own, called with that room. One that makes none calls none that returns an array.
 
 Each kernel costs a tenth of a second or more in a first run. One that sets a row of an array to another array, or
 multiplies one in place, costs two seconds, as NumPy's broadcasting and its error texts are compiled with it: numbers
@@ -62,26 +66,27 @@ _V3 = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 
 def exact(function: F) -> F:
     """Return a function of numbers and arrays as a kernel, compiled at its first call with arguments of a type."""
-    return _kernel(function)
+    return _kernel(function, _nrt=False)
 
 
 def fast(function: F) -> F:
     """Return a function of numbers and arrays as a kernel that need not keep to the order of its arithmetic."""
+    return _kernel(function, fastmath=True, _nrt=False)
+
+
+def exact_making(function: F) -> F:
+    """Return a function as a kernel, as `exact` does, that makes arrays."""
+    return _kernel(function)
+
+
+def fast_making(function: F) -> F:
+    """Return a function as a kernel, as `fast` does, that makes arrays."""
     return _kernel(function, fastmath=True)
 
 
 def inlined(function: F) -> F:
     """Return a function that becomes part of each kernel that calls it."""
     return _kernel(function, inline="always")
-
-
-def borrowing(function: F) -> F:
-    """Return a function as a kernel, as by `exact`, that makes no arrays and does not count who uses those it reads.
-
-    Other kernels count the users of every array that they are passed, in memory that all threads share: for functions
-    of a few numbers that costs more than what they do.
-    """
-    return _kernel(function, _nrt=False)
 
 
 def _kernel(function: F, **options: Any) -> F:
@@ -174,7 +179,11 @@ class _Kept(_Cache):  # type: ignore[misc, unused-ignore]
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel for arguments of a type."""
+        """Keep a compiled kernel for arguments of a type. Raises `TypeError` for one that returns an array that it was
+        passed: its caller would free it.
+        """
+        if not self._kernel.targetoptions.get("_nrt", True) and "array(" in str(data.signature.return_type):
+            raise TypeError(f"{self._kernel.__name__} returns an array of which it counted no users")
         folder = kernel_folder()
         if folder is not None and self._enabled and not data.lifted and not data.library.has_dynamic_globals:
             keep_bytes(folder / self._name(sig, data.codegen), dumps(data._reduce()))

@@ -24,7 +24,7 @@ from mr360uw.base.optics import fresnel_from_below
 from mr360uw.base.parameters import checked
 from mr360uw.base.sphere import gauss_legendre
 from mr360uw.errors import ParameterError
-from mr360uw.jit import exact, fast
+from mr360uw.jit import exact, fast_making
 from mr360uw.medium.closed_form import check_ray, ray_in_water, together
 from mr360uw.medium.phase import Scatterers, legendre_polynomials
 from mr360uw.types import Array
@@ -476,7 +476,7 @@ def _exp(x: float) -> float:
     return (1.0 + r * (1.0 + r * (1.0 / 2.0 + r * (1.0 / 6.0 + r * low)))) * power.view(np.float64)
 
 
-@fast
+@fast_making
 def sum_modes(
     source: Any, rate: Any, origin_m: Any, extinction: Any, mu: Any, which: Any, depth_m: Any, distance_m: Any
 ) -> Any:

@@ -18,7 +18,7 @@ from mr360uw.base.color import DISPLAY_CURVE, LUMINANCE, decode, encode
 from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.base.optics import reflect
 from mr360uw.base.sphere import directions, row_solid_angle
-from mr360uw.jit import exact
+from mr360uw.jit import exact, exact_making
 from mr360uw.types import Array, Floats, Sun
 
 # Published ways of taking light from a plate: inverse tone mapping, and irradiance by nine spherical harmonics.
@@ -146,7 +146,7 @@ def _inside(weight: float, ex: float, ey: float) -> bool:
     return weight > 0.0 or (weight == 0.0 and (ey > 0.0 or (ey == 0.0 and ex < 0.0)))
 
 
-@exact
+@exact_making
 def _rasterise(hit: Floats, flux: Floats, light: Floats, jacobian: Floats, size: int) -> Floats:
     """Return intensities drawn at pixel centres, sheets added up, as a graphics pipeline without coverage does.
 

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mr360uw.base.texels import Vector
-from mr360uw.jit import exact
+from mr360uw.jit import exact, exact_making
 from mr360uw.surface.intersection import bent, mirrored, reflectance
 from mr360uw.types import Array
 
@@ -277,7 +277,7 @@ def sunlight(sun: Disc, travel: Vector, normal: Vector, facets: Facets, side: fl
     return share * weight * factor
 
 
-@exact
+@exact_making
 def glitter(sun: Disc, travel: Any, normal: Any, covariance: Any, side: float, index: float) -> Any:
     """Return `sunlight` (n,) of n rays (n, 3). covariance: (n, 3) xx, xz, zz of the slopes that each meets."""
     light = np.zeros(len(travel))

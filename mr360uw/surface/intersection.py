@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mr360uw.base.texels import Vector
-from mr360uw.jit import borrowing, exact
+from mr360uw.jit import exact
 from mr360uw.surface.sampled_sea import Displacement, SampledSea, displacement, read_height, read_shift, rest_position
 from mr360uw.types import Array
 
@@ -118,7 +118,7 @@ def _level_at(sigma: float, step_m: float, last: int) -> float:
     return min(float(last), s if s < 1.0 else 1.0 + math.log2(s))
 
 
-@borrowing
+@exact
 def first_hit(sea: SeaWaves, ray: Ray, reach: float) -> Hit:
     """Return where a ray first meets the surface. reach: [m] at most."""
     (ox, oy, oz), (dx, dy, dz), side, width, spread = ray
@@ -158,7 +158,7 @@ def first_hit(sea: SeaWaves, ray: Ray, reach: float) -> Hit:
     return NOWHERE
 
 
-@borrowing
+@exact
 def _refined(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float, t: float) -> Hit:
     """Return the hit between two distances, from about a distance t, infinite if there is none after all."""
     (ox, oy, oz), (dx, dy, dz) = ray.origin, ray.direction
@@ -188,7 +188,7 @@ def _refined(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float, t: 
     return _bisected(sea, ray, sigma, low, high)
 
 
-@borrowing
+@exact
 def _bisected(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float) -> Hit:
     """Return the hit between two distances: the first if the ray is behind the splines there, none if before both."""
     # The ends decide: still before the surface, or behind it at once
@@ -260,7 +260,7 @@ def waves_of(sea: SampledSea) -> SeaWaves:
     return SeaWaves(*numbers, sea.coefficients, sea.table, maps.height, maps.shift, maps.table, maps.steepest)
 
 
-@borrowing
+@exact
 def _hit_all(
     sea: SeaWaves, side: float, origins: Any, directions: Any, width: Any, spread: Any, reach: Any, out: Any
 ) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.optics import refract_to_water
 from mr360uw.base.texels import Vector, add, four, packed, periodic_four, times
-from mr360uw.jit import borrowing, inlined
+from mr360uw.jit import exact, inlined
 from mr360uw.surface.facet_draws import Disc, drawn, facets_of, next_key, sun_seen, sunlight
 from mr360uw.surface.intersection import NOWHERE, Hit, Ray, SeaWaves, bent, first_hit, mirrored, reflectance, waves_of
 from mr360uw.surface.sampled_sea import SampledSea
@@ -53,7 +53,7 @@ class Ripples(NamedTuple):
     lost: Any
 
 
-@borrowing
+@exact
 def level_slopes(ripples: Ripples, level: float) -> Vector:
     """Return `SampledSea.unresolved` of one level: the covariance xx, xz, zz of the slopes that it lacks."""
     lost, blur = ripples.lost, ripples.blur
@@ -66,7 +66,7 @@ def level_slopes(ripples: Ripples, level: float) -> Vector:
     return xx + blur, xz, zz + blur
 
 
-@borrowing
+@exact
 def tilted(ripples: Ripples, normal: Vector, x: float, z: float, sigma_m: float) -> tuple[Vector, float]:
     """Return a normal with the ripples' slopes at a rest position, and the slope variance along each axis of ripples
     that are smaller than a footprint.
@@ -88,7 +88,7 @@ def tilted(ripples: Ripples, normal: Vector, x: float, z: float, sigma_m: float)
     return (nx / length, normal[1] / length, nz / length), gone
 
 
-@borrowing
+@exact
 def _slope(ripples: Ripples, u: float, v: float) -> Vector:
     """Return `caustics.sea.periodic_slope` of one place, and 0."""
     a, b, c, d, fx, fy = _periodic_four(0, ripples.size, u * ripples.size, v * ripples.size)
@@ -140,7 +140,7 @@ class RayWorld(NamedTuple):
     dome_levels: Any
 
 
-@borrowing
+@exact
 def met(w: RayWorld, ray: Ray, start: Hit, known: bool) -> tuple[Hit, float]:
     """Return where a ray meets the surface, and the distance at which it meets the floor instead, infinity for neither.
 
@@ -159,7 +159,7 @@ def met(w: RayWorld, ray: Ray, start: Hit, known: bool) -> tuple[Hit, float]:
     return hit, math.inf if hit.distance < math.inf else reach
 
 
-@borrowing
+@exact
 def _through_water(w: RayWorld, distance: float, v: Vector, first: bool) -> tuple[Vector, Vector]:
     """Return transmittance and veil of a ray in the water from the camera (first) or from the surface."""
     m, up = w.murk, v[1]
@@ -172,7 +172,7 @@ def _through_water(w: RayWorld, distance: float, v: Vector, first: bool) -> tupl
     return transmittance(m.attenuations, table, distance, up), light
 
 
-@borrowing
+@exact
 def put(stack: Any, row: int, ray: Ray, weight: Vector, lobe: float, key: int, generation: int) -> None:
     """Write a ray into a row of the stack. lobe: angle between samples of facets. generation: hits behind it."""
     s = stack[row]
@@ -183,7 +183,7 @@ def put(stack: Any, row: int, ray: Ray, weight: Vector, lobe: float, key: int, g
     s[12], s[13], s[14] = key, generation, ray.side
 
 
-@borrowing
+@exact
 def followed(w: RayWorld, stack: Any, start: Hit, known: bool) -> Vector:
     """Return the radiance of the ray in the first row of the stack times its weight.
 
@@ -221,7 +221,7 @@ def followed(w: RayWorld, stack: Any, start: Hit, known: bool) -> Vector:
     return light
 
 
-@borrowing
+@exact
 def _part(w: RayWorld, stack: Any, waiting: int, ray: Ray, weight: Vector, hit: Hit) -> tuple[float, int]:
     """Put the reflected and the refracted ray of a hit in the place of their ray, the first row that does not wait;
     return the sun's light that comes back along the ray, over that of its disc, and the rows that wait then.

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.base.parameters import checked
 from mr360uw.base.texels import between_four, periodic_four
 from mr360uw.caustics.sea import Detail, SeaParameters, detail_slope
-from mr360uw.jit import borrowing, exact, inlined
+from mr360uw.jit import exact, inlined
 from mr360uw.types import Array, Floats
 
 _SAMPLES = 12
@@ -188,7 +188,7 @@ Displacement = tuple[float, float, float, float, float, float, float, float, flo
 """Height, shift_x and shift_z, their derivatives by a and those by b."""
 
 
-@borrowing
+@exact
 def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float) -> Displacement:
     """Return the displacement of a particle, between the splines of two levels."""
     lower = min(int(level), len(n) - 1)
@@ -204,7 +204,7 @@ def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float
     )  # fmt: skip
 
 
-@borrowing
+@exact
 def _at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) -> Displacement:
     """Return the displacement of a particle by the splines of one level."""
     # Weigh the four nodes each way by cubic B-splines, and by their slopes
@@ -252,7 +252,7 @@ def _slopes(t: float) -> tuple[float, float, float, float]:
     return -0.5 * r * r, 0.5 * t * (3.0 * t - 4.0), -0.5 * r * (3.0 * r - 4.0), 0.5 * t * t
 
 
-@borrowing
+@exact
 def rest_position(
     c: Any, n: Any, tile_m: float, level: float, place: tuple[float, float], start: tuple[float, float], slack: float
 ) -> tuple[float, float, Displacement]:
@@ -277,7 +277,7 @@ def rest_position(
     return a, b, p
 
 
-@borrowing
+@exact
 def _heights_at(c: Any, n: Any, tile_m: float, x: Any, z: Any, result: Any) -> None:
     """Write the height of the surface over the mean at places (n,) into `result` (n,)."""
     for k in range(len(x)):
@@ -339,7 +339,7 @@ def _steepest(height: NDArray[np.float32], step_m: float) -> float:
     return max(float(np.abs(height - np.roll(height, 1, axis)).max()) for axis in (0, 1)) * math.sqrt(2.0) / step_m
 
 
-@borrowing
+@exact
 def _fill(c: Any, n: Any, tile_m: float, level: int, size: int, rows: Any, height: Any, shift: Any) -> None:
     step = tile_m / size
     slack = _SLACK * step
@@ -353,7 +353,7 @@ def _fill(c: Any, n: Any, tile_m: float, level: int, size: int, rows: Any, heigh
             height[at], shift[at, 0], shift[at, 1] = p[0], x - a, z - b
 
 
-@borrowing
+@exact
 def read_height(h: Any, n: Any, tile_m: float, level: float, x: float, z: float) -> float:
     """Return the height [m] above (x, z) at a fractional level. h, n: `height` and `table` of the maps."""
     lower = min(int(level), len(n) - 1)
@@ -364,7 +364,7 @@ def read_height(h: Any, n: Any, tile_m: float, level: float, x: float, z: float)
     return value
 
 
-@borrowing
+@exact
 def _height(h: Any, first: int, size: int, tile_m: float, x: float, z: float) -> float:
     per_m = size / tile_m
     a, b, c, d, fx, fy = _periodic_four(first, size, x * per_m, z * per_m)
@@ -372,7 +372,7 @@ def _height(h: Any, first: int, size: int, tile_m: float, x: float, z: float) ->
     return value
 
 
-@borrowing
+@exact
 def read_shift(s: Any, n: Any, tile_m: float, level: float, x: float, z: float) -> tuple[float, float]:
     """Return the shift over (x, z) [m] of the particle above (x, z) at the next lower level. s: `shift` of the maps."""
     lower = min(int(level), len(n) - 1)

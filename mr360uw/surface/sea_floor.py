@@ -20,7 +20,7 @@ from mr360uw.base.constants import PI
 from mr360uw.base.parameters import number, numbers
 from mr360uw.base.texels import Vector, add, between, level_for, periodic, times
 from mr360uw.errors import ParameterError
-from mr360uw.jit import borrowing
+from mr360uw.jit import exact
 from mr360uw.types import Array, Floats
 
 _CELL = 16
@@ -205,7 +205,7 @@ class Relief(NamedTuple):
     cells: Any
 
 
-@borrowing
+@exact
 def _relief_height(e: Any, tile_m: float, x: float, z: float) -> float:
     """Return the height [m] of a floor of `Relief.heights` e at (x, z)."""
     size = e.shape[0]
@@ -217,7 +217,7 @@ def _relief_height(e: Any, tile_m: float, x: float, z: float) -> float:
     return (1.0 - fy) * above + fy * ((1.0 - fx) * e[j1, i0] + fx * e[j1, i1])
 
 
-@borrowing
+@exact
 def relief_distance(r: Relief, origin: Vector, direction: Vector, reach: float) -> float:
     """Return the distance at which a ray first goes through the floor from above, infinity for nowhere within reach."""
     (ox, oy, oz), (dx, dy, dz) = (origin[0], origin[1] - r.y, origin[2]), direction
@@ -250,7 +250,7 @@ def relief_distance(r: Relief, origin: Vector, direction: Vector, reach: float) 
     return math.inf
 
 
-@borrowing
+@exact
 def _root(
     r: Relief, origin: Vector, direction: Vector, above: tuple[float, float], below: tuple[float, float]
 ) -> float:
@@ -271,7 +271,7 @@ def _root(
     return high
 
 
-@borrowing
+@exact
 def _to_edge(u: float, speed: float) -> float:
     """Return the time after which a place u leaves the interval between whole numbers that it is in."""
     if speed == 0.0:
@@ -280,7 +280,7 @@ def _to_edge(u: float, speed: float) -> float:
     return (1.0 - part) / speed if speed > 0.0 else part / -speed
 
 
-@borrowing
+@exact
 def _relief_slopes(r: Relief, x: float, z: float, footprint: float) -> tuple[float, float]:
     """Return the slopes of the floor over x and z, averaged over a footprint, at least a pixel."""
     e, tile_m = r.heights, r.tile_m
@@ -290,7 +290,7 @@ def _relief_slopes(r: Relief, x: float, z: float, footprint: float) -> tuple[flo
     return 0.5 * by_x / half, 0.5 * by_z / half
 
 
-@borrowing
+@exact
 def in_shadow(r: Relief, x: float, z: float, to_sun: Vector) -> bool:
     """Return whether the floor hides a sun in a direction from its point at (x, z)."""
     e = r.heights
@@ -334,7 +334,7 @@ class LitFloor(NamedTuple):
     planes: Any
 
 
-@borrowing
+@exact
 def floor_radiance(g: LitFloor, x: float, z: float, footprint: float, dry: bool) -> Vector:
     """Return the radiance of the floor at (x, z), averaged over a footprint [m]; dry: above the water."""
     # Tilt the floor and shade it where it is uneven
@@ -366,7 +366,7 @@ def floor_radiance(g: LitFloor, x: float, z: float, footprint: float, dry: bool)
     return value[0] / math.pi, value[1] / math.pi, value[2] / math.pi
 
 
-@borrowing
+@exact
 def _plane_light(
     g: LitFloor, plane: int, x: float, z: float, depth: float, footprint: float, sky: float, sun: float
 ) -> Vector:
@@ -384,7 +384,7 @@ def _plane_light(
     return light
 
 
-@borrowing
+@exact
 def _picture(g: LitFloor, number: int, tile_m: float, x: float, z: float, footprint: float) -> Vector:
     """Return a picture of the floor at (x, z), averaged over a footprint."""
     first, levels = g.pictures[number, 0], g.pictures[number, 1]

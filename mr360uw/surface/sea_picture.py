@@ -25,7 +25,7 @@ from mr360uw.base.texels import Vector, add
 from mr360uw.caustics import CausticSettings
 from mr360uw.caustics.settings import Sea
 from mr360uw.errors import ParameterError
-from mr360uw.jit import borrowing
+from mr360uw.jit import exact
 from mr360uw.medium import Medium, Water
 from mr360uw.plot import Figure, Shown
 from mr360uw.surface.facet_draws import next_key
@@ -371,7 +371,7 @@ def _camera_rays(view: View, rows: slice, samples: int) -> tuple[Array, Array]:
     return np.ascontiguousarray(origins), np.ascontiguousarray(view.directions(x, y))
 
 
-@borrowing
+@exact
 def _centres(w: RayWorld, origins: Any, directions: Any, of: Vector, seen: Any, hits: Any) -> None:
     """Write what the rays of pixels' centres meet: `SurfacePicture`, kind 1 for the surface, 2 for the floor, and where
     they meet the surface, hits (h, w, 8). of: side, width and spread of the rays. seen: distance, length in the water,
@@ -406,7 +406,7 @@ def _centres(w: RayWorld, origins: Any, directions: Any, of: Vector, seen: Any, 
             out[1], out[2], out[3] = hit.normal
 
 
-@borrowing
+@exact
 def _samples(
     w: RayWorld, origins: Any, directions: Any, of: Vector, key: int, hits: Any, stack: Any, radiance: Any
 ) -> None:

@@ -25,7 +25,7 @@ from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.base.texels import Vector, between, four
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.jit import borrowing
+from mr360uw.jit import exact
 from mr360uw.medium.ray_field import SkyShape
 from mr360uw.types import Array, Floats, Sun
 
@@ -182,7 +182,7 @@ def sun_below(sun: Sun | None, refractive_index: float) -> Array:
     return np.asarray(sun.irradiance * up * fresnel_transmittance(up, refractive_index), np.float64)
 
 
-@borrowing
+@exact
 def sky_radiance(t: Any, n: Any, dx: float, dy: float, dz: float, footprint: float) -> Vector:
     """Return the radiance of the sky over a footprint [rad]; directions below the horizon see its mirror image.
 
@@ -202,7 +202,7 @@ def sky_radiance(t: Any, n: Any, dx: float, dy: float, dz: float, footprint: flo
     return between(value, _dome_level(t, n[lower, 0], n[lower, 1], n[lower, 2], longitude, latitude), share)
 
 
-@borrowing
+@exact
 def panorama(t: Any, first: int, width: int, height: int, v: Vector) -> Vector:
     """Return `ibl.lookup.environment_lookup` of a map whose texels begin in row `first` of t (n, 3)."""
     longitude = math.atan2(v[0], -v[2]) / (2.0 * math.pi) + 0.5
@@ -210,7 +210,7 @@ def panorama(t: Any, first: int, width: int, height: int, v: Vector) -> Vector:
     return _dome_level(t, first, width, height, longitude, latitude)
 
 
-@borrowing
+@exact
 def _dome_level(t: Any, first: int, width: int, height: int, longitude: float, latitude: float) -> Vector:
     x, y = longitude * width - 0.5, latitude * height - 0.5
     column, row = math.floor(x), math.floor(y)

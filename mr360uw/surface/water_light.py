@@ -30,7 +30,7 @@ from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.caustics.sun_disc import gaussian_transform
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.jit import borrowing, inlined
+from mr360uw.jit import exact, inlined
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction, linear, transmittance_lookup, veil_lookup
 from mr360uw.medium.medium import MediumAtDepths
@@ -265,7 +265,7 @@ def _on_floor(stack: CausticStack, plane: Array) -> Tiled:
 _STEPS = 3
 
 
-@borrowing
+@exact
 def _gather_row(
     surface: Any, sky: Any, rays: Any, row: int, depth: float, index: float, footprint: float, out: Any
 ) -> None:
@@ -301,7 +301,7 @@ def _gather_row(
         out[column, 0], out[column, 1], out[column, 2] = light
 
 
-@borrowing
+@exact
 def _surface(surface: Any, x: float, z: float) -> Vector:
     """Return height and slopes over (x, z) at a place, between the points of the map."""
     texels, size, tile_m = surface
@@ -398,7 +398,7 @@ class WaterTable(NamedTuple):
     depth_m: float
 
 
-@borrowing
+@exact
 def _bilinear(table: Any, at: int, u: float, v: float) -> Vector:
     """Return the value of table `at` of (n, U, V, 3) at coordinates in [0, 1] (`medium.lookup.bilinear`)."""
     x, y = min(max(u, 0.0), 1.0) * (table.shape[1] - 1), min(max(v, 0.0), 1.0) * (table.shape[2] - 1)
@@ -411,7 +411,7 @@ def _channel(t: Any, at: int, i: int, j: int, x: float, y: float, k: int) -> Any
     return _between_four(t[at, i, j, k], t[at, i, j + 1, k], t[at, i + 1, j, k], t[at, i + 1, j + 1, k], y - j, x - i)
 
 
-@borrowing
+@exact
 def veil(veils: Any, table: WaterTable, distance: float, up: float) -> Vector:
     """Return `medium.lookup.veil_lookup` of a ray that may be infinite."""
     s = min(distance, table.depth_m / max(up, 1e-9))
@@ -420,7 +420,7 @@ def veil(veils: Any, table: WaterTable, distance: float, up: float) -> Vector:
     return filled * smooth[0], filled * smooth[1], filled * smooth[2]
 
 
-@borrowing
+@exact
 def transmittance(attenuations: Any, table: WaterTable, distance: float, up: float) -> Vector:
     """Return `medium.lookup.transmittance_lookup` of a finite ray."""
     s = min(distance, table.depth_m / max(up, 1e-9))

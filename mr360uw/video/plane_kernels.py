@@ -153,9 +153,19 @@ def _next_run(changed: Any, begin: int) -> Any:
     return first, after
 
 
+def row_room(width: int) -> tuple[Any, ...]:
+    """Return room of `write_planes` for a row of pixels, and for the rows that share a row of chroma samples."""
+    cb, cr, steps = np.empty(width, np.float32), np.empty(width, np.float32), np.empty((3, width), np.float32)
+    plate, light = np.empty((width, 3), np.float32), np.empty((width, 3), np.float32)
+    of_ground = ground_room(), np.ones((width, 3), np.float32), np.zeros((width, 3), np.float32)
+    of_chroma = np.empty((2, 2, width), np.float32), np.empty((3, width + 2), np.float32)
+    changed = np.empty((2, width), np.bool_), np.empty(width + 2, np.bool_)
+    return cb, cr, steps, plate, light, np.empty((0, 3), np.float32), of_ground, of_chroma, changed
+
+
 @fast
 def write_planes(
-    old: Any, new: Any, place: Any, coding: Any, tile: Any, ground: Any, composite: Any, grain: Any
+    old: Any, new: Any, place: Any, coding: Any, tile: Any, ground: Any, composite: Any, grain: Any, room: Any
 ) -> Any:
     """Write the pixels that a tile changes, and their chroma, into planes; return the brightest light and the sum of
     all, of which floats that are not finite make one.
@@ -164,20 +174,15 @@ def write_planes(
     sy and wrap. coding: k, `decode_table`, `encode_table` and the top code. tile: radiance, alpha, ratio, veil and
     shafts, which are (0, 0, 3) for none. ground: `GroundLines` that ratio and veil are worked out from where the tile
     has none. composite: of the tile (h, w, 3), or (0, 0, 3) for that of `blend_row`. grain: (h, w) of luma, (2, samples
-    down, samples across) of chroma, both without rows for none, and the strength (3, n) of both.
+    down, samples across) of chroma, both without rows for none, and the strength (3, n) of both. room: of `row_room`.
     """
     (y, u, v), y_out, (row, column, frame, sx, sy, wrap) = old, new[0], place
     k, decoding, encoding, peak = coding
     (radiance, alpha, ratio, veil, shafts), (noise, blotches, strength) = tile, grain
-    height, width = alpha.shape
-    # Make room for a row of pixels, and for the rows that share a row of chroma samples
-    cb, cr, steps = np.empty(width, np.float32), np.empty(width, np.float32), np.empty((3, width), np.float32)
-    plate, light = np.empty((width, 3), np.float32), np.empty((width, 3), np.float32)
-    bits, none = light.view(np.uint32), np.empty((0, 3), np.float32)
-    room, bare = ground_room(), len(ratio) == 0
-    own_ratio, own_veil = np.ones((width, 3), np.float32), np.zeros((width, 3), np.float32)
-    changed, chroma = np.empty((2, width), np.bool_), np.empty((2, 2, width), np.float32)
-    brightest, total, one, grainy = np.float32(0.0), np.float32(0.0), np.float32(1.0), noise.size > 0
+    cb, cr, steps, plate, light, none, of_ground, (chroma, sums), (changed, touched) = room
+    (lines, own_ratio, own_veil), bits, bare = of_ground, light.view(np.uint32), len(ratio) == 0
+    (height, width), one, grainy = alpha.shape, np.float32(1.0), noise.size > 0
+    brightest, total = np.float32(0.0), np.float32(0.0)
     for j in range(row >> sy, ((row + height - 1) >> sy) + 1):
         begin, end, any_ = max((j << sy) - row, 0), min(((j + 1) << sy) - row, height), False
         for r in range(begin, end):
@@ -191,9 +196,9 @@ def write_planes(
                 light_row(codes, cb, cr, k, decoding, steps, plate)
             if bare:
                 own_ratio[:], own_veil[:] = one, np.float32(0.0)
-                ground_line(ground, row + r, column, plate, room, own_ratio, own_veil)
-            of_ground, haze = own_ratio if bare else ratio[r], own_veil if bare else veil[r]
-            find_changes(alpha[r], radiance[r], of_ground, more, changed[b])
+                ground_line(ground, row + r, column, plate, lines, own_ratio, own_veil)
+            share, haze = own_ratio if bare else ratio[r], own_veil if bare else veil[r]
+            find_changes(alpha[r], radiance[r], share, more, changed[b])
             chroma[:, b] = np.float32(0.0)
             first, after = _next_run(changed[b], 0)
             while first < after:
@@ -209,8 +214,8 @@ def write_planes(
                 else:
                     if not decoded:
                         light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
-                    blend_row(plate[part], radiance[r, part], alpha[r, part], of_ground[part], haze[part], more[part],
-                              one, light[part])  # fmt: skip
+                    blend_row(plate[part], radiance[r, part], alpha[r, part], share[part], haze[part], more[part], one,
+                              light[part])  # fmt: skip
                 for c in range(first, after):
                     brightest = max(brightest, light[c, 0], light[c, 1], light[c, 2])
                     total += light[c, 0] + light[c, 1] + light[c, 2]
@@ -234,24 +239,25 @@ def write_planes(
                         chroma[n, b, c] = step if changed[b, c] else np.float32(0.0)
                 first, after = _next_run(changed[b], after)
         if any_:
-            of_chroma = chroma, alpha[begin:end], changed[: end - begin]
-            _write_chroma(old, new, place, (k, peak), j, of_chroma, (blotches, strength[1:]))
+            change = chroma, alpha[begin:end], changed[: end - begin]
+            _write_chroma(old, new, place, (k, peak), j, change, (blotches, strength[1:]), (sums, touched))
     return brightest, total
 
 
 @fast
-def _write_chroma(old: Any, new: Any, place: Any, coding: Any, j: int, change: Any, grain: Any) -> None:
+def _write_chroma(old: Any, new: Any, place: Any, coding: Any, j: int, change: Any, grain: Any, room: Any) -> None:
     """Add the change of the pixels' chroma to the samples of row j of the blocks with a changed pixel.
 
     Adding lets two rectangles share a block. old, new, place: see `write_planes`; the new luma has been written.
     coding: k and the top code. change: (2, 2, w) of the rows of pixels of the samples, their alpha, and whether they
-    change. grain: (2, blocks down, blocks across), and its strength (2, n).
+    change. grain: (2, blocks down, blocks across), and its strength (2, n). room: for sums of three numbers of a row of
+    pixels and one more to either side, and whether they change.
     """
     (_, u, v), (y_out, u_out, v_out), (row, column, frame, sx, sy, wrap), (k, peak) = old, new, place, coding
-    (chroma, alpha, changed), (blotches, strength) = change, grain
+    (chroma, alpha, changed), (blotches, strength), (steps, touched) = change, grain, room
     rows, width = alpha.shape
     # Sum down a block, for the pixels of a row and one more to either side
-    steps, touched = np.zeros((3, width + 2), np.float32), np.zeros(width + 2, np.bool_)
+    steps[:], touched[:] = np.float32(0.0), False
     scale = np.float32(1.0) / np.float32((4 if sx else 1) * (2 if sy else 1))
     side, middle = np.float32(1.0 if sx else 0.0), np.float32(2.0 if sx else 1.0)
     for r in range(rows):

@@ -43,7 +43,7 @@ from mr360uw.base.color import (
 from mr360uw.base.tile_blend import NO_GROUND, blended, changed_pixels, light_sum
 from mr360uw.jit import fast, inlined
 from mr360uw.types import Floats, Rectangle, Tile, UnlaidGround, YuvImage
-from mr360uw.video.plane_kernels import write_planes
+from mr360uw.video.plane_kernels import row_room, write_planes
 from mr360uw.yuv.decoding import coefficients, decode_table, encode_table, linear_from_planes, subsampling
 
 
@@ -88,6 +88,7 @@ def lay_over_planes(
     brightest, total = write_planes(
         (old.y, old.u, old.v), (new.y, new.u, new.v), (tile.row, tile.column, frame_index, sx, sy, wrap), coding,
         tuple(arrays), NO_GROUND if ground is None else ground.lines, whole, (noise, blotches, strength),
+        row_room(tile.rectangle.width),
     )  # fmt: skip
     return (float(brightest), float(total)) if found is None else found
 

@@ -29,7 +29,7 @@ from mr360uw.base.color import (
     ycbcr_from_rgb,
 )
 from mr360uw.base.texels import between_four
-from mr360uw.jit import fast, inlined
+from mr360uw.jit import fast, fast_making, inlined
 from mr360uw.types import Floats, Rectangle, YuvImage
 
 _between_four = inlined(between_four)
@@ -119,7 +119,7 @@ def light_row(codes: Any, cb: Any, cr: Any, k: Any, table: Any, places: Any, lig
             light[c, n] = _table_light(table, places[n, c])
 
 
-@fast
+@fast_making
 def read_rectangle(planes: Any, place: Any, k: Any, table: Any, out: Any) -> None:
     """Write the linear light of a rectangle of the planes (y, u, v) into `out` (h, w, 3).
 

@@ -546,7 +546,10 @@ class Occluders(Parts):
         weights = np.zeros((len(points), NODES), np.float32)
         share = np.zeros((len(self.fields), len(points)), np.float32)
         if self.fields:
-            _block(points, normal, self.origin, self._packed, weights, share)
+            # Room for what bodies block at a place, the bodies chosen, and pieces of their outlines
+            room = np.zeros((len(self.origin) + 1, 3)), np.zeros((len(self.origin) + 1, AZIMUTHS, 5))
+            chosen = np.zeros((2, len(self.origin)), np.int64), np.zeros((_PIECES, 2)), np.zeros((2, 2))
+            _block(points, normal, self.origin, self._packed, (room, *chosen), weights, share)
         return Occlusion(normal, weights, share)
 
     def plans(self) -> Floats:
@@ -669,12 +672,10 @@ def _add(normal: Any, begins: Any, blocked: Any, m: Any, before: Any, piece: Any
 
 
 @fast
-def _block(point: Any, normal: Any, origin: Any, fields: Any, weights: Any, share: Any) -> None:
+def _block(point: Any, normal: Any, origin: Any, fields: Any, room: Any, weights: Any, share: Any) -> None:
     """Add the weights (n, NODES) and set the shares (m, n) of bodies at places (n, 3). fields: of `Occluders`."""
     of, frame, heights, filled, opacity, outline, corners, cells = fields
-    begins, blocked = np.zeros((len(origin) + 1, 3)), np.zeros((len(origin) + 1, AZIMUTHS, 5))
-    piece, found = np.zeros((_PIECES, 2)), np.zeros((2, 2))
-    near, far = np.zeros((2, len(origin)), np.int64)
+    (begins, blocked), (near, far), piece, found = room
     for k in range(len(point)):
         scanned, others = 0, 0
         for m in range(len(origin)):

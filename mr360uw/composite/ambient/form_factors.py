@@ -41,7 +41,7 @@ from mr360uw.composite.ambient.mesh_transfer import (
     shape_transfer,
 )
 from mr360uw.composite.shot import PlacedObject, scale_of
-from mr360uw.jit import exact
+from mr360uw.jit import exact, exact_making
 from mr360uw.types import Floats
 
 BITS = 20
@@ -464,7 +464,7 @@ class Neighbour:
         return part
 
 
-@exact
+@exact_making
 def _find_nodes(place: Any, d: Any, height_m: Any, scale: Any, seen: Any) -> None:
     """Set `seen` (n, k) as `Body.node_seen` returns it. place: (n, 3) from the middle, d: (k, 3), in axes of the world.
 
@@ -586,7 +586,7 @@ def form_factors(
     return FormFactors(lost, samples, way[:used], ground)
 
 
-@exact
+@exact_making
 def _resolve(cosine: Any, node: Any, hits: Any, lost: Any, ground: Any, matrix: Any) -> None:
     """Share the light of each direction among what rays (m,) meet there, the nearest first, and the ground behind.
 
@@ -650,7 +650,7 @@ def _met_by(
     return Met(first, direction[:used].copy(), target[:used].copy(), part[:used].copy())
 
 
-@exact
+@exact_making
 def _list_met(whole: Any, cosine: Any, node: Any, others: Any, own: Any, found: Any) -> None:
     """Set the arrays of `Met`, found, sample by sample.
 
@@ -731,7 +731,7 @@ def far_bodies(bodies: Sequence[Body], share: Floats) -> FarBodies:
     return FarBodies(lit, other, side, back**2, begin, direction[:used].copy(), weight[:used].copy(), cover)
 
 
-@exact
+@exact_making
 def _spread(lit: Any, towards: Any, cosine: Any, filled: Any, d: Any, found: Any) -> None:
     """Set begin, direction, weight and cover of `FarBodies`, found.
 

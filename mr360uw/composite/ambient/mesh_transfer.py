@@ -36,7 +36,7 @@ from mr360uw.composite.raycast import Geometry, base_color, gather, opacity_key,
 from mr360uw.composite.shading import dielectric_f0, reflectance
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.filters import split_sum
-from mr360uw.jit import exact, inlined
+from mr360uw.jit import exact, exact_making, inlined
 from mr360uw.types import Environment, Floats
 
 _STEPS_ACROSS = 24.0
@@ -351,7 +351,7 @@ def find_three(places: Any, weights: Any, points: Any, shares: Any) -> None:
         shares[n, 0], shares[n, 1], shares[n, 2] = u, v, w
 
 
-@exact
+@exact_making
 def find_nearest_points(
     triangles: Any, met: Any, origin: Any, direction: Any, places: Any, point: Any, distance: Any, behind: Any,
 ) -> None:  # fmt: skip

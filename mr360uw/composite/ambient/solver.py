@@ -72,7 +72,7 @@ from mr360uw.composite.raycast import Hits
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import BetweenSamples, PlacedObject, Shot
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.jit import fast
+from mr360uw.jit import fast, fast_making
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup
 from mr360uw.types import Floats
 
@@ -475,7 +475,7 @@ def _weigh(normal: Any, towards: Any, alpha: Any, d: Any, weight: Any) -> None:
         weight[k] = light / (facets * facets * smith)
 
 
-@fast
+@fast_making
 def _reflect(samples: Any, d: Any, light: Any, met: Any, sent: Any, ground: Any, out: Any) -> None:
     """Set what `reflected_among` returns. samples: normals, directions to the camera, and widths of lobes. light: of
     the environment as the camera and as the body sees it, and the directions in which they differ.

@@ -29,7 +29,7 @@ from mr360uw.composite.gl.shadow_columns import (
 )
 from mr360uw.composite.light_sources import lamps_of, sun_of, wide_pixel_offsets, widest_half_angle
 from mr360uw.composite.shot import Shot
-from mr360uw.jit import borrowing, fast, inlined
+from mr360uw.jit import exact, fast, inlined
 from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.types import Floats, View
 
@@ -137,7 +137,8 @@ class Visibility:
             across = (sun - np.insert(slopes[:, :2], 1, 0.0, axis=1)) @ axes.T
             turned = np.column_stack([across[:, :2] / across[:, 2:], slopes[:, 2] / np.linalg.norm(sun)])
         columns = self.slots, self.values, self.size, self.clear
-        _see(footprints, of_lights, np.array(fans, np.int64), columns, (self.rays, self.fans), turned, found)
+        of_fans, room = (of_lights, np.array(fans, np.int64), turned), _see_room(len(self.slots))
+        _see(footprints, of_fans, columns, (self.rays, self.fans), room, found)
         return found
 
 
@@ -226,7 +227,7 @@ def footprints_of(
     along = np.zeros((0, 4)) if isinstance(surface, float) else np.asarray(surface, np.float64).reshape(-1, 4)
     frame = np.array([view.width, view.height, view.eye_m, step, spacing], np.float64)
     axes = np.ascontiguousarray(view.world_from_camera, np.float64)
-    _make_footprints(blocks, along, plane_m, frame, axes, side, found)
+    _make_footprints(blocks, along, plane_m, frame, axes, np.empty((4, side)), found)
     return found
 
 
@@ -260,16 +261,16 @@ def _turned(axes: Any, x: Any, y: Any, z: Any) -> Any:
 
 @fast
 def _make_footprints(
-    blocks: Any, surface: Any, plane_m: Any, frame: Any, axes: Any, side: Any, footprints: Any
+    blocks: Any, surface: Any, plane_m: Any, frame: Any, axes: Any, room: Any, footprints: Any
 ) -> None:
     """Set footprints (n, 12). blocks: (m, 8) of each its corner, area and bias, as of `footprints_of`. frame: its width
-    and height, the eye's distance from the middle, step and spacing.
+    and height, the eye's distance from the middle, step and spacing. room: (4, side).
     """
     width, height, eye, step, spacing = frame[0], frame[1], frame[2], frame[3], frame[4]
     turn, tip = 2.0 * math.pi / width, math.pi / height
     turn_c, turn_s = math.cos(turn * step), math.sin(turn * step)
     tip_c, tip_s = math.cos(tip * step), math.sin(tip * step)
-    lon_c, lon_s, lat_c, lat_s = np.empty(side), np.empty(side), np.empty(side), np.empty(side)
+    lon_c, lon_s, lat_c, lat_s, side = room[0], room[1], room[2], room[3], room.shape[1]
     for m in range(len(blocks)):
         block = blocks[m]
         for i in range(side):
@@ -337,7 +338,7 @@ def _across(slot: Any, middle: Any, radius: Any, deep: Any, slope: Any, tilt: An
     return at_x, at_y, -1.0 if missed else wide
 
 
-@borrowing
+@exact
 def _between(of_body: Any, disc: Any, below: Any) -> Any:
     """Return whether a body may hide part of a disc of light from part of a ball, and whether all of it from all of
     that.
@@ -404,21 +405,36 @@ _LEVEL_ABOVE = np.float32(math.sqrt(2.0))
 powers."""
 
 
-@fast
-def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any, turned: Any, seen: Any) -> None:
-    """Set the visible fractions (n, k) of lights that are negative. of_fans: (k,) number of each light's fan. columns:
-    slots, values, size and clear of `Visibility`, rays_of: its rays and fans. turned: (n, 3) slope of the middle of the
-    first light, across over along, and radius by which it is wider; (0, 3) where these are its own.
-    """
-    (slots, values, size, clear), (fans_of, fans) = columns, rays_of
-    near = np.empty((len(slots), _TOGETHER), np.bool_)
-    asked, mine = np.empty(_TOGETHER, np.int64), np.empty(_TOGETHER, np.int64)
-    facing, hidden = np.empty(_TOGETHER), np.empty(_TOGETHER)
-    # Arrays of their own: rows of one would have to be taken for overlapping
-    feet = _three(_TOGETHER), _three(_TOGETHER), _three(_TOGETHER), np.empty(_TOGETHER, np.float32), _three(_TOGETHER)
-    rays, outcome = (_three(_ROOM), _three(_ROOM), _three(_ROOM), np.empty(_ROOM, np.float32)), _three(_ROOM)
+def _see_room(slots: int) -> tuple[Any, ...]:
+    """Return room of `_see` for some slots: footprints, each of a number chosen, and their rays."""
+
+    def three(count: int) -> tuple[NDArray[np.float32], ...]:
+        # Arrays of their own: rows of one would have to be taken for overlapping
+        return tuple(np.empty(count, np.float32) for _ in range(3))
+
+    asked, mine = np.empty((2, _TOGETHER), np.int64)
+    facing, hidden = np.empty((2, _TOGETHER))
+    chosen = np.empty((slots, _TOGETHER), np.bool_), asked, mine, facing, hidden
+    feet = three(_TOGETHER), three(_TOGETHER), three(_TOGETHER), np.empty(_TOGETHER, np.float32), three(_TOGETHER)
+    rays, four = (
+        (three(_ROOM), three(_ROOM), three(_ROOM), np.empty(_ROOM, np.float32)),
+        np.empty(4 * _ROOM, np.float32),
+    )
     found_at, four = (np.empty(_ROOM, np.int32), np.empty(_ROOM, np.int32)), np.empty(4 * _ROOM, np.float32)
-    room, blocked = (_three(_ROOM), _three(_ROOM), found_at, _three(_ROOM), _three(_ROOM), four), outcome[2]
+    return chosen, feet, rays, three(_ROOM), (three(_ROOM), three(_ROOM), found_at, three(_ROOM), three(_ROOM), four)
+
+
+@fast
+def _see(footprints: Any, of_lights: Any, columns: Any, rays_of: Any, room: Any, seen: Any) -> None:
+    """Set the visible fractions (n, k) of lights that are negative.
+
+    of_lights: lights (k, ...), the numbers (k,) of their fans, and (n, 3) slope of the middle of the first of them,
+    across over along, and radius by which it is wider; (0, 3) where these are its own. columns: slots, values, size and
+    clear of `Visibility`, rays_of: its rays and fans. room: of `_see_room`.
+    """
+    (lights, of_fans, turned), (slots, values, size, clear), (fans_of, fans) = of_lights, columns, rays_of
+    (near, asked, mine, facing, hidden), feet, rays, outcome, room = room
+    blocked = outcome[2]
     for begin in range(0, len(footprints), _TOGETHER):
         for number in range(len(lights)):
             light, fan, numbers = lights[number], fans_of[of_fans[number]], fans[of_fans[number]]
@@ -497,12 +513,6 @@ def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any,
                         near[body, left] = near[body, m]
                     left += 1
                 count, done, last = left, last, total
-
-
-@inlined
-def _three(count: Any) -> Any:
-    """Return room for three numbers of each of some rays or footprints."""
-    return np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
 
 
 @inlined

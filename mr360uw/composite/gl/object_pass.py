@@ -39,7 +39,7 @@ from mr360uw.composite.light_sources import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import filter_width, root_of_moments
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.jit import exact
+from mr360uw.jit import exact, exact_making
 from mr360uw.types import Floats, Tile
 
 if TYPE_CHECKING:
@@ -424,7 +424,7 @@ def _follows(listed: Any, pixel: Any, surface: Any, apart: Any, before: Any, n: 
     return cosine >= _BEND and abs(surface[n, 3] - surface[before, 3]) <= apart * surface[before, 3]
 
 
-@exact
+@exact_making
 def _group(listed: Any, pixel: Any, weight: Any, surface: Any, apart: Any, of: Any, chosen: Any, area: Any) -> Any:
     """Set the group (n,) of each fragment, and of each group the fragment with most samples (m,) and the area (m, 5) of
     all, as `sampling.frame_areas`; return their number m.

@@ -20,7 +20,7 @@ from mr360uw.composite.mesh.material import Texture
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.composite.tiles import NEAREST
-from mr360uw.jit import exact, inlined
+from mr360uw.jit import exact, exact_making, inlined
 from mr360uw.types import View
 
 BLOCK = 4
@@ -112,7 +112,7 @@ _LARGEST = 1e30
 """Largest square [1/m^2] of one over the distance to a triangle's plane: slivers seen edge-on are left out."""
 
 
-@exact
+@exact_making
 def _project(positions: Any, matrix: Any, two_sided: Any, frame: Any, seen: Any) -> None:
     """Set the arrays of `seen_triangles`, seen. positions: (T, 3, 3) of a mesh, matrix: (3, 4) from its axes to the
     camera's. frame: its width and height, and the eye [m] to the right of the middle of a stereo camera, 0 for one.

@@ -119,7 +119,10 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     slack, step = PLANE_TOLERANCE * PIXEL_FILTER * np.pi / view.height, shot.draw.samples**-0.5
     optics = np.float32(view.eye_m), np.float32(slack), np.float32(step), by_sample
     shown, reach = np.empty((len(corner), BLOCK * BLOCK), np.int32), np.zeros(len(members), np.uint16)
-    _classify((corner, bounds, members, masks), scene, tables, optics, shown, reach)
+    most = int(np.diff(bounds).max(initial=1))
+    rays, near = np.zeros((6, _PROBES), np.float32), np.zeros((most, _PROBES), np.float32)
+    room = rays[:3], rays[3:], near, *np.zeros((3, _PROBES), np.float32), _mask_room()
+    _classify((corner, bounds, members, masks), scene, tables, optics, room, shown, reach)
     # Trace the samples of the others; blended surfaces layer by layer, wherever they reach
     inputs = (corner, bounds, members, reach), scene, tables, optics
     layers: list[Fragments] = []
@@ -191,6 +194,7 @@ def _traced(view: View, count: int, at: NDArray[np.int64], inputs: Any, layer: i
     samples, pattern_ = _sample_tables(view.width, view.height, count)
     lists, scene, tables, optics = inputs
     most, found = count if optics[-1] else GROUPS, _NOTHING
+    room = _sample_room(pattern_[0].shape[2], int(np.diff(lists[1]).max(initial=1)))
     for start in range(0, len(at), _FRAGMENTS_AT_ONCE // most):
         # Room for as many fragments as there may be: memory that is not written is not taken
         some = at[start : start + _FRAGMENTS_AT_ONCE // most]
@@ -200,7 +204,7 @@ def _traced(view: View, count: int, at: NDArray[np.int64], inputs: Any, layer: i
         area, weight = np.empty((capacity, 5)), np.empty(capacity)
         filled, covered = np.empty(len(some), np.int64), np.empty((len(some), count), np.bool_)
         outputs = pixels, first, triangle, place, area, weight, filled, covered
-        there, total = _trace(some, lists, scene, tables, optics, pattern_, (count, layer), outputs)
+        there, total = _trace(some, lists, scene, tables, optics, pattern_, (count, layer), room, outputs)
         row, column = pixels[:, :there].copy()
         partly = np.flatnonzero(filled[:there] < count)
         gaps = find_gaps(samples, row[partly], column[partly], covered[partly])
@@ -317,12 +321,18 @@ def alpha_of(cuts: Any, alphas: Any, places: Any, weights: Any, change: Any) -> 
     return alpha
 
 
+def _mask_room() -> tuple[NDArray[Any], ...]:
+    """Return room of masked triangles: three rays and what they meet, their first (u, v), weights, change of (u, v)."""
+    rays = np.empty((2, 3, 3), np.float32)
+    return rays[0], rays[1], np.zeros(2), np.empty(3), np.zeros((2, 2))
+
+
 @exact
-def _set_uv_change(cuts: Any, facet: Any, eye: Any, x: Any, y: Any, step: Any, size: Any, change: Any) -> None:
+def _set_uv_change(cuts: Any, facet: Any, eye: Any, x: Any, y: Any, step: Any, size: Any, room: Any) -> None:
     """Set the change (2, 2) of (u, v) of a masked triangle from a place in the frame to those `step` pixels to the
-    right and below. size: width and height of the frame.
+    right and below. size: width and height of the frame. room: of `_mask_room`, of which the change is part.
     """
-    ray, near, here = np.empty((3, 3), np.float32), np.empty((3, 3), np.float32), np.zeros(2)
+    ray, near, here, _, change = room
     for n in range(3):
         lon = 2.0 * np.pi * ((x + (step if n == 1 else 0.0)) / size[0] - 0.5)
         lat = np.pi * (0.5 - (y + (step if n == 2 else 0.0)) / size[1])
@@ -342,9 +352,9 @@ def _set_uv_change(cuts: Any, facet: Any, eye: Any, x: Any, y: Any, step: Any, s
 
 
 @exact
-def _close_masked(met: Any, best: Any, cuts: Any, alphas: Any, places: Any, change: Any, least: Any) -> None:
+def _close_masked(met: Any, best: Any, cuts: Any, alphas: Any, places: Any, room: Any, least: Any) -> None:
     """Make the rays (n,) miss a masked triangle whose alpha is below `least` where it would be their nearest hit."""
-    weights = np.empty(3)
+    _, _, _, weights, change = room
     for i in range(len(best)):
         inside = min(met[0, i], met[1, i], met[2, i]) >= 0.0
         if inside and met[0, i] + met[1, i] + met[2, i] > best[i]:
@@ -355,23 +365,18 @@ def _close_masked(met: Any, best: Any, cuts: Any, alphas: Any, places: Any, chan
 
 
 @fast
-def _classify(lists: Any, scene: Any, tables: Any, optics: Any, shown: Any, reach: Any) -> None:
+def _classify(lists: Any, scene: Any, tables: Any, optics: Any, room: Any, shown: Any, reach: Any) -> None:
     """Set what the pixels of blocks show, (n, 16): the number of a triangle + 1 where its smooth piece fills the pixel,
     0 where nothing reaches into it, -1 otherwise; and the bits of the pixels that each member of a list reaches into.
 
     lists: of `make_blocks`. scene: facets, least inverse distances, kinds and smooth pieces of triangles, and tables of
     `cutouts`. tables: of `_ray_tables`. optics: the eye's distance from the middle, the slack of `_tolerance`, the
-    distance [pixels] of samples, and whether none is filled, for each is shaded.
+    distance [pixels] of samples, and whether none is filled, for each is shaded. room: rays and what they meet, (3, n),
+    of each member its distance; nearest distance, whose it is, and bits; and `_mask_room`.
     """
     (corner, bounds, members, masks), (longitude, latitude), (eye, slack, step, by_sample) = lists, tables, optics
     facets, _, kind, piece, (cut, cuts, alphas, places) = scene
-    most = 0
-    for b in range(len(corner)):
-        most = max(most, bounds[b + 1] - bounds[b])
-    rays, met = np.zeros((3, _PROBES), np.float32), np.zeros((3, _PROBES), np.float32)
-    near = np.zeros((most, _PROBES), np.float32)
-    best, who = np.zeros(_PROBES, np.float32), np.zeros(_PROBES, np.float32)
-    zero, bit, change = np.float32(0.0), np.zeros(BLOCK * _WIDE, np.float32), np.zeros((2, 2))
+    (rays, met, near, best, who, bit, of_mask), zero = room, np.float32(0.0)
     size = longitude.shape[2] - 2 * BLOCK, latitude.shape[2] - 2 * BLOCK
     for p in range(BLOCK * BLOCK):
         bit[_WIDE * (p // BLOCK) + p % BLOCK] = np.float32(1 << p)
@@ -410,8 +415,8 @@ def _classify(lists: Any, scene: Any, tables: Any, optics: Any, shown: Any, reac
             touched |= int(reach[m])
             if kind[t] == MASKED:  # solid for all samples around: well above its cutoff
                 own, middle = cuts[cut[t]], 0.5 * BLOCK
-                _set_uv_change(own, facets[t], eye, corner[b, 0] + middle, corner[b, 1] + middle, step, size, change)
-                _close_masked(met, best, own, alphas, places, change, 0.5 * (1.0 + own[9]))
+                _set_uv_change(own, facets[t], eye, corner[b, 0] + middle, corner[b, 1] + middle, step, size, of_mask)
+                _close_masked(met, best, own, alphas, places, of_mask, 0.5 * (1.0 + own[9]))
             _keep_nearest(met, number, best, who)
         # A pixel is filled if its corners show the plane of its centre, and nothing else reaches in before it
         for p in range(BLOCK * BLOCK):
@@ -461,32 +466,35 @@ def _mark(bounds: Any, members: Any, reach: Any, kind: Any, clear: Any) -> None:
 # --- pixels with edges -----------------------------------------------------------------------------------------------
 
 
+def _sample_room(samples: int, members: int) -> tuple[Any, ...]:
+    """Return room of `_trace` for the samples of a pixel, and for the most members of a list."""
+    rays = np.empty((2, 3, samples), np.float32)
+    # Arrays of their own: rows of one would have to be taken for overlapping
+    of_sample = tuple(np.empty(samples, np.float32) for _ in range(7))
+    numbers = np.arange(samples, dtype=np.float32)
+    return (rays[0], rays[1]), of_sample, np.empty(members, np.float32), numbers, _mask_room()
+
+
 @fast
-def _trace(at: Any, lists: Any, scene: Any, tables: Any, optics: Any, pattern_: Any, asked: Any, outputs: Any) -> Any:
+def _trace(
+    at: Any, lists: Any, scene: Any, tables: Any, optics: Any, pattern_: Any, asked: Any, room: Any, outputs: Any
+) -> Any:
     """Write the fragments of pixels at (p,), as of `_whole`, and return the number of pixels that have any and of
     fragments.
 
     lists, scene, tables, optics: of `_classify`, with what members reach into for masks. pattern_: (cosine, sine) of
     the angles of longitude and latitude of samples from a pixel's corner, (2, 2, s), s a multiple of 8; cells (5, s)
     with their products, positions (2, s), 1 for those that are no copies, and axes of `_set_area`. asked: number of
-    samples, and of the blended surface from the front, -1 for the nearest of the others. outputs: arrays of
-    `Fragments`, then (p,) number of covered samples, and (p, count) which, where that is not all.
+    samples, and of the blended surface from the front, -1 for the nearest of the others. room: of `_sample_room`.
+    outputs: arrays of `Fragments`, then (p,) number of covered samples, and (p, count) which, where that is not all.
     """
     (corner, bounds, members, reach), (longitude, latitude), (eye, slack, step, by_sample) = lists, tables, optics
     facets, nearest, kind, piece, (cut, cuts, alphas, places) = scene
     (turns, cells, positions, real, axes), (count, layer) = pattern_, asked
     pixels, first, triangle, place, area, weight, filled, covered = outputs
-    n, zero, big = turns.shape[2], np.float32(0.0), np.float32(1e30)
-    rays, met = np.empty((3, n), np.float32), np.empty((3, n), np.float32)
-    # Arrays of their own: rows of one would have to be taken for overlapping
-    best, wall = np.empty(n, np.float32), np.empty(n, np.float32)
-    limit, who = np.empty(n, np.float32), np.empty(n, np.float32)
-    part, free, mine = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
-    most, block = 1, -1
-    for b in range(len(bounds) - 1):
-        most = max(most, bounds[b + 1] - bounds[b])
-    pieces, numbers = np.empty(most, np.float32), np.arange(n).astype(np.float32)
-    change, size = np.zeros((2, 2)), (longitude.shape[2] - 2 * BLOCK, latitude.shape[2] - 2 * BLOCK)
+    (rays, met), (best, wall, limit, who, part, free, mine), pieces, numbers, of_mask = room
+    n, zero, big, block = turns.shape[2], np.float32(0.0), np.float32(1e30), -1
+    size = longitude.shape[2] - 2 * BLOCK, latitude.shape[2] - 2 * BLOCK
     there = found = 0
     for e in range(len(at)):
         b, p = at[e] // (BLOCK * BLOCK), at[e] % (BLOCK * BLOCK)
@@ -513,8 +521,8 @@ def _trace(at: Any, lists: Any, scene: Any, tables: Any, optics: Any, pattern_: 
                 _meet(rays, facets[t], eye, met)
                 if kind[t] == MASKED:
                     own_cuts, x, y = cuts[cut[t]], column + positions[0, 0], row + positions[1, 0]
-                    _set_uv_change(own_cuts, facets[t], eye, x, y, step, size, change)
-                    _close_masked(met, best, own_cuts, alphas, places, change, own_cuts[9])
+                    _set_uv_change(own_cuts, facets[t], eye, x, y, step, size, of_mask)
+                    _close_masked(met, best, own_cuts, alphas, places, of_mask, own_cuts[9])
                 if turn > 0:
                     for i in range(n):
                         met[0, i] = met[0, i] if met[0, i] + met[1, i] + met[2, i] <= limit[i] else np.float32(-1.0)

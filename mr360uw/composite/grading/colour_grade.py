@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import shared
 from mr360uw.base.color import ColorSpec, decode_signal, encode_signal, in_plate_primaries, in_rec709, ycbcr_from_rgb
-from mr360uw.jit import exact, inlined
+from mr360uw.jit import exact_making, inlined
 from mr360uw.types import Floats
 
 Three = tuple[float, float, float]
@@ -220,7 +220,7 @@ def _look(table: Any, place: Any) -> Any:
     return low + (place - np.float32(cell)) * (table[cell + 1] - low)
 
 
-@exact
+@exact_making
 def _run(light: Any, encode: Any, before: Any, curves: Any, after: Any, last: Any, out: Any) -> None:
     """Write the light (n, 3) behind all steps; see `GradeTables`."""
     of_root = np.float32(STEPS / np.sqrt(BRIGHTEST))

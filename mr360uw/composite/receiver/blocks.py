@@ -44,7 +44,7 @@ from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shading import veil_ahead
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import places_in_mask, rectangles_of_mask
-from mr360uw.jit import exact, fast
+from mr360uw.jit import exact, exact_making, fast
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.types import Floats, Rectangle, View
 
@@ -218,7 +218,7 @@ class Ground:
         return left[:, :, None] * (1.0 - t[:, None]) + right[:, :, None] * t[:, None]
 
 
-@exact
+@exact_making
 def _meet_level(xy: Any, wanted: Any, size: Any, axes: Any, ground: Any, point: Any) -> None:
     """Set the points (h, w, 3) [m] of level ground, from the camera, at frame coordinates x (w,), y (h,), where wanted
     (h, w); those that do not meet it stay. As `ReceiverShape.meet`.

@@ -30,7 +30,7 @@ from mr360uw.base.tile_blend import (
     calm_line,
     drawn_towards,
 )
-from mr360uw.jit import fast
+from mr360uw.jit import fast_making
 from mr360uw.types import Floats, Rectangle
 
 _FINE_SIGMA = 2.0
@@ -177,12 +177,12 @@ def lost_light(shown: Floats, r: Floats, white: float) -> Floats:
     return np.where(shown >= white, np.minimum(r.max(axis=-1, keepdims=True) / r, MOST_LOST), 1.0)
 
 
-@fast
+@fast_making
 def _read(blurs: Any, row: int, column: int, shown: Any, strength: Any, calm: Any) -> None:
     """Write the calm state (h, w, 3) of a part that begins at (row, column) and is shown, (h, w, 3)."""
-    line = np.empty((3, calm.shape[1]), np.float32)
+    line, own = np.empty((3, calm.shape[1]), np.float32), np.empty(3 * calm.shape[1] + 9, np.float32)
     for j in range(len(calm)):
-        calm_line(blurs, row + j, column, line)
+        calm_line(blurs, row + j, column, own, line)
         for i in range(calm.shape[1]):
             for c in range(3):
                 calm[j, i, c] = drawn_towards(shown[j, i, c], strength, line[c, i])

@@ -32,7 +32,7 @@ from mr360uw.composite.motion import rigid, rotation_matrix
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.errors import MeshError
-from mr360uw.jit import exact
+from mr360uw.jit import exact, exact_making
 from mr360uw.types import Floats, View
 
 EDGE_ON = 0.003
@@ -213,7 +213,7 @@ def _difference(before: Any, here: Any, after: Any) -> Any:
     return left if abs(left) < abs(right) else right
 
 
-@exact
+@exact_making
 def _touching(inverse: NDArray[np.float32], out: NDArray[np.float32]) -> None:
     rows, columns = inverse.shape
     longitude = 2.0 * np.pi * ((np.arange(columns) + 0.5) / columns - 0.5)

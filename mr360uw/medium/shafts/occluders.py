@@ -28,7 +28,7 @@ from mr360uw.base.parameters import numbers
 from mr360uw.base.rays import PlacedScene, RayScene, raise_to_triangles
 from mr360uw.base.sphere import basis
 from mr360uw.errors import ParameterError
-from mr360uw.jit import exact
+from mr360uw.jit import exact, exact_making
 from mr360uw.types import Array, Floats
 
 _BEYOND_M = 1e-4
@@ -275,7 +275,7 @@ def _drawn(
     return top.astype(np.float32)
 
 
-@exact
+@exact_making
 def visible_parts(rays: Any, start: Any, end: Any, outlines: Any, maps: Any, taps: Any, seen: Any) -> None:
     """Write the visible fraction of a disc of light, a mean over each segment of rays, to `seen` (n, count).
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, PartOf
 from mr360uw.base.sphere import unit
-from mr360uw.jit import fast, inlined
+from mr360uw.jit import fast, fast_making, inlined
 from mr360uw.medium.shafts.occluders import DISC_TAPS, HALO_TAPS, Outlines, ShadowMaps, shadows_in, visible_parts
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.medium.shafts.single_scattering import BeamPattern, radius_at
@@ -159,7 +159,7 @@ class _Columns(NamedTuple):
     widening: float
 
 
-@fast
+@fast_making
 def add_beam(rays: Any, columns: Any, maps: Any, weights: Any, seen: Any, depth_m: Any, light: Any) -> None:
     """Add the deviation of each segment to `light` (n, count, 3) for `_Rays` of `_Columns`.
 
@@ -190,7 +190,7 @@ def add_beam(rays: Any, columns: Any, maps: Any, weights: Any, seen: Any, depth_
             _add_node(rays.up[n], rays.turned[n], weights, seen, n, ratio, light[n])
 
 
-@fast
+@fast_making
 def _line_end(rays: Any, first: Any, end: Any, count: Any) -> Any:
     """Return how far along a line [m] rays need it: over a part at least of the last segment, mostly far and faint."""
     edge = np.empty(count + 1)
@@ -201,7 +201,7 @@ def _line_end(rays: Any, first: Any, end: Any, count: Any) -> Any:
     return farthest
 
 
-@fast
+@fast_making
 def _find_used(rays: Any, first: Any, end: Any, count: Any, depth_m: Any, planes: Any, line: Any, used: Any) -> None:
     """Write the first and last step of a line that rays read of each plane to `used` (planes, 2)."""
     edge = np.empty(count + 1)
@@ -218,7 +218,7 @@ def _find_used(rays: Any, first: Any, end: Any, count: Any, depth_m: Any, planes
             i0 = i1
 
 
-@fast
+@fast_making
 def _find_ratio(rays: Any, n: Any, depth_m: Any, planes: Any, line: Any, sums: Any, ratio: Any) -> None:
     """Write the caustics' deviation from 1 on ray n to `ratio` (count, 4): sharp red, green, blue and soft."""
     count = len(ratio)
@@ -364,7 +364,7 @@ def _fill_levels(sharp: Any, soft: Any, start: Any, values: Any) -> None:
                     values[start[level] + row * (fine // 2) + i, c] = 0.25 * total
 
 
-@fast
+@fast_making
 def line_steps(pixel_m: Any, widening: Any, reach_m: Any) -> Any:
     """Return the edges (n + 1,) [m] of the steps of a line: `pixel_m` wide, or `widening` times the distance."""
     even = max(math.ceil(min(reach_m / pixel_m, 1.0 / widening)), 1)
