@@ -221,6 +221,11 @@ def drop_shared() -> None:
         kept.cache_clear()
 
 
+def room(*shapes: int | tuple[int, ...], dtype: type[np.generic] = np.float32) -> tuple[NDArray[Any], ...]:
+    """Return arrays of zeros for a kernel to work in: of their own, for rows of one would be taken for overlapping."""
+    return tuple(np.zeros(shape, dtype) for shape in shapes)
+
+
 class Scratch:
     """Memory for arrays that are made anew in every frame: to take it from the system costs as much as to fill it."""
 

@@ -34,6 +34,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.cache import room
 from mr360uw.jit import exact, fast, inlined
 from mr360uw.types import Floats, Rectangle, Tile
 
@@ -251,14 +252,14 @@ class BlockGround:
 
 
 @fast
-def _lay(ground: Any, shown: Any, row: int, step: int, column: int, room: Any, ratio: Any, veil: Any) -> None:
+def _lay(ground: Any, shown: Any, row: int, step: int, column: int, work: Any, ratio: Any, veil: Any) -> None:
     """Write ratio and veil (h, w, 3) of lines that are `step` apart, the first from (row, column) on.
 
-    shown: light of the plate there, or none. room: of `ground_room`.
+    shown: light of the plate there, or none. work: of `ground_room`.
     """
     for r in range(len(ratio)):
         light = shown[min(r, len(shown) - 1)] if len(shown) else shown.reshape(0, 3)
-        ground_line(ground, row + r * step, column, light, room, ratio[r], veil[r])
+        ground_line(ground, row + r * step, column, light, work, ratio[r], veil[r])
 
 
 def ground_room() -> tuple[Any, ...]:
@@ -266,22 +267,19 @@ def ground_room() -> tuple[Any, ...]:
     added light; light of the plate, calm light, one over the pattern, the light that is lost, halves of the mean, and
     room of `calm_line`; change.
     """
-    room = _AT_ONCE * BLOCK
-    line, side = np.empty((10, room), np.float32), np.empty((10, _AT_ONCE + 1), np.float32)
-    weight, waves, added = np.empty(room, np.float32), np.empty((3, room), np.float32), np.empty((3, room), np.float32)
-    plate, inverse = np.ones((2, 3, room), np.float32), np.ones((2, 3, room), np.float32)
-    change = np.empty((3, room), np.float32)
-    of_plate = plate, inverse, np.empty(room, np.uint32), np.empty(3 * room + 9, np.float32)
-    return (line, side), (weight, waves, added), of_plate, change
+    n = _AT_ONCE * BLOCK
+    plate, inverse = np.ones((2, 2, 3, n), np.float32)
+    of_plate = plate, inverse, *room(n, dtype=np.uint32), *room(3 * n + 9)
+    return room((10, n), (10, _AT_ONCE + 1)), room(n, (3, n), (3, n)), of_plate, *room((3, n))
 
 
 @fast
-def ground_line(ground: Any, y: int, x0: int, shown: Any, room: Any, ratio: Any, veil: Any) -> None:
+def ground_line(ground: Any, y: int, x0: int, shown: Any, work: Any, ratio: Any, veil: Any) -> None:
     """Write ratio and veil (n, 3) of the pixels of row y, from column x0 on, where blocks change them.
 
-    shown: linear light (n, 3) of the plate there, where it has caustics of its own. room: of `ground_room`.
+    shown: linear light (n, 3) of the plate there, where it has caustics of its own. work: of `ground_room`.
     """
-    (line, side), (weight, waves, added), (plate, inverse, bits, own), change = room
+    (line, side), (weight, waves, added), (plate, inverse, bits, own), change = work
     q, x1, one = y // BLOCK, x0 + len(ratio), np.float32(1.0)
     down = (np.float32(y - q * BLOCK) + np.float32(0.5)) / np.float32(min(BLOCK, ground.height - q * BLOCK))
     end, last = ground.first[q], ground.first[q + 1]
@@ -318,9 +316,9 @@ def ground_line(ground: Any, y: int, x0: int, shown: Any, room: Any, ratio: Any,
 
 
 @inlined
-def _plate_line(ground: Any, y: int, x: int, shown: Any, room: Any, now: Any, calm: Any) -> None:
+def _plate_line(ground: Any, y: int, x: int, shown: Any, work: Any, now: Any, calm: Any) -> None:
     """Write the light that the plate shows (n, 3) on a line (3, n) from (y, x) on, and its calm state."""
-    n, (bits, own) = len(shown), room
+    n, (bits, own) = len(shown), work
     for k in range(3):
         for i in range(n):
             now[k, i] = shown[i, k]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from mr360uw.base.cache import room
 from mr360uw.base.constants import (
     DITHER_ALONG,
     DITHER_CONTRAST,
@@ -155,17 +156,14 @@ def _next_run(changed: Any, begin: int) -> Any:
 
 def row_room(width: int) -> tuple[Any, ...]:
     """Return room of `write_planes` for a row of pixels, and for the rows that share a row of chroma samples."""
-    cb, cr, steps = np.empty(width, np.float32), np.empty(width, np.float32), np.empty((3, width), np.float32)
-    plate, light = np.empty((width, 3), np.float32), np.empty((width, 3), np.float32)
-    of_ground = ground_room(), np.ones((width, 3), np.float32), np.zeros((width, 3), np.float32)
-    of_chroma = np.empty((2, 2, width), np.float32), np.empty((3, width + 2), np.float32)
-    changed = np.empty((2, width), np.bool_), np.empty(width + 2, np.bool_)
-    return cb, cr, steps, plate, light, np.empty((0, 3), np.float32), of_ground, of_chroma, changed
+    of_row, of_ground = room(width, width, (3, width), (width, 3), (width, 3), (0, 3)), room((width, 3), (width, 3))
+    of_chroma = room((2, 2, width), (3, width + 2)), room((2, width), width + 2, dtype=np.bool_)
+    return *of_row, (ground_room(), *of_ground), *of_chroma
 
 
 @fast
 def write_planes(
-    old: Any, new: Any, place: Any, coding: Any, tile: Any, ground: Any, composite: Any, grain: Any, room: Any
+    old: Any, new: Any, place: Any, coding: Any, tile: Any, ground: Any, composite: Any, grain: Any, work: Any
 ) -> Any:
     """Write the pixels that a tile changes, and their chroma, into planes; return the brightest light and the sum of
     all, of which floats that are not finite make one.
@@ -174,12 +172,12 @@ def write_planes(
     sy and wrap. coding: k, `decode_table`, `encode_table` and the top code. tile: radiance, alpha, ratio, veil and
     shafts, which are (0, 0, 3) for none. ground: `GroundLines` that ratio and veil are worked out from where the tile
     has none. composite: of the tile (h, w, 3), or (0, 0, 3) for that of `blend_row`. grain: (h, w) of luma, (2, samples
-    down, samples across) of chroma, both without rows for none, and the strength (3, n) of both. room: of `row_room`.
+    down, samples across) of chroma, both without rows for none, and the strength (3, n) of both. work: of `row_room`.
     """
     (y, u, v), y_out, (row, column, frame, sx, sy, wrap) = old, new[0], place
     k, decoding, encoding, peak = coding
     (radiance, alpha, ratio, veil, shafts), (noise, blotches, strength) = tile, grain
-    cb, cr, steps, plate, light, none, of_ground, (chroma, sums), (changed, touched) = room
+    cb, cr, steps, plate, light, none, of_ground, (chroma, sums), (changed, touched) = work
     (lines, own_ratio, own_veil), bits, bare = of_ground, light.view(np.uint32), len(ratio) == 0
     (height, width), one, grainy = alpha.shape, np.float32(1.0), noise.size > 0
     brightest, total = np.float32(0.0), np.float32(0.0)
@@ -245,16 +243,16 @@ def write_planes(
 
 
 @fast
-def _write_chroma(old: Any, new: Any, place: Any, coding: Any, j: int, change: Any, grain: Any, room: Any) -> None:
+def _write_chroma(old: Any, new: Any, place: Any, coding: Any, j: int, change: Any, grain: Any, work: Any) -> None:
     """Add the change of the pixels' chroma to the samples of row j of the blocks with a changed pixel.
 
     Adding lets two rectangles share a block. old, new, place: see `write_planes`; the new luma has been written.
     coding: k and the top code. change: (2, 2, w) of the rows of pixels of the samples, their alpha, and whether they
-    change. grain: (2, blocks down, blocks across), and its strength (2, n). room: for sums of three numbers of a row of
+    change. grain: (2, blocks down, blocks across), and its strength (2, n). work: for sums of three numbers of a row of
     pixels and one more to either side, and whether they change.
     """
     (_, u, v), (y_out, u_out, v_out), (row, column, frame, sx, sy, wrap), (k, peak) = old, new, place, coding
-    (chroma, alpha, changed), (blotches, strength), (steps, touched) = change, grain, room
+    (chroma, alpha, changed), (blotches, strength), (steps, touched) = change, grain, work
     rows, width = alpha.shape
     # Sum down a block, for the pixels of a row and one more to either side
     steps[:], touched[:] = np.float32(0.0), False

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.cache import Parts
+from mr360uw.base.cache import Parts, room
 from mr360uw.base.constants import BRIGHTEST, DARK
 from mr360uw.base.rays import raise_to_triangles
 from mr360uw.base.texels import smoothstep
@@ -547,9 +547,13 @@ class Occluders(Parts):
         share = np.zeros((len(self.fields), len(points)), np.float32)
         if self.fields:
             # Room for what bodies block at a place, the bodies chosen, and pieces of their outlines
-            room = np.zeros((len(self.origin) + 1, 3)), np.zeros((len(self.origin) + 1, AZIMUTHS, 5))
-            chosen = np.zeros((2, len(self.origin)), np.int64), np.zeros((_PIECES, 2)), np.zeros((2, 2))
-            _block(points, normal, self.origin, self._packed, (room, *chosen), weights, share)
+            n, chosen = len(self.origin) + 1, np.zeros((2, len(self.origin)), np.int64)
+            work = (
+                room((n, 3), (n, AZIMUTHS, 5), dtype=np.float64),
+                chosen,
+                *room((_PIECES, 2), (2, 2), dtype=np.float64),
+            )
+            _block(points, normal, self.origin, self._packed, work, weights, share)
         return Occlusion(normal, weights, share)
 
     def plans(self) -> Floats:
@@ -672,10 +676,10 @@ def _add(normal: Any, begins: Any, blocked: Any, m: Any, before: Any, piece: Any
 
 
 @fast
-def _block(point: Any, normal: Any, origin: Any, fields: Any, room: Any, weights: Any, share: Any) -> None:
+def _block(point: Any, normal: Any, origin: Any, fields: Any, work: Any, weights: Any, share: Any) -> None:
     """Add the weights (n, NODES) and set the shares (m, n) of bodies at places (n, 3). fields: of `Occluders`."""
     of, frame, heights, filled, opacity, outline, corners, cells = fields
-    (begins, blocked), (near, far), piece, found = room
+    (begins, blocked), (near, far), piece, found = work
     for k in range(len(point)):
         scanned, others = 0, 0
         for m in range(len(origin)):

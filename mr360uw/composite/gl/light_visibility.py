@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.cache import Cache, Scratch
+from mr360uw.base.cache import Cache, Scratch, room
 from mr360uw.base.constants import LONGEST_FOOTPRINT, MAXIMUM_SUN_SAMPLES
 from mr360uw.base.sphere import disc_offsets
 from mr360uw.composite.gl.shadow_columns import (
@@ -137,8 +137,8 @@ class Visibility:
             across = (sun - np.insert(slopes[:, :2], 1, 0.0, axis=1)) @ axes.T
             turned = np.column_stack([across[:, :2] / across[:, 2:], slopes[:, 2] / np.linalg.norm(sun)])
         columns = self.slots, self.values, self.size, self.clear
-        of_fans, room = (of_lights, np.array(fans, np.int64), turned), _see_room(len(self.slots))
-        _see(footprints, of_fans, columns, (self.rays, self.fans), room, found)
+        of_fans, work = (of_lights, np.array(fans, np.int64), turned), _see_room(len(self.slots))
+        _see(footprints, of_fans, columns, (self.rays, self.fans), work, found)
         return found
 
 
@@ -261,16 +261,16 @@ def _turned(axes: Any, x: Any, y: Any, z: Any) -> Any:
 
 @fast
 def _make_footprints(
-    blocks: Any, surface: Any, plane_m: Any, frame: Any, axes: Any, room: Any, footprints: Any
+    blocks: Any, surface: Any, plane_m: Any, frame: Any, axes: Any, work: Any, footprints: Any
 ) -> None:
     """Set footprints (n, 12). blocks: (m, 8) of each its corner, area and bias, as of `footprints_of`. frame: its width
-    and height, the eye's distance from the middle, step and spacing. room: (4, side).
+    and height, the eye's distance from the middle, step and spacing. work: (4, side).
     """
     width, height, eye, step, spacing = frame[0], frame[1], frame[2], frame[3], frame[4]
     turn, tip = 2.0 * math.pi / width, math.pi / height
     turn_c, turn_s = math.cos(turn * step), math.sin(turn * step)
     tip_c, tip_s = math.cos(tip * step), math.sin(tip * step)
-    lon_c, lon_s, lat_c, lat_s, side = room[0], room[1], room[2], room[3], room.shape[1]
+    lon_c, lon_s, lat_c, lat_s, side = work[0], work[1], work[2], work[3], work.shape[1]
     for m in range(len(blocks)):
         block = blocks[m]
         for i in range(side):
@@ -407,33 +407,24 @@ powers."""
 
 def _see_room(slots: int) -> tuple[Any, ...]:
     """Return room of `_see` for some slots: footprints, each of a number chosen, and their rays."""
-
-    def three(count: int) -> tuple[NDArray[np.float32], ...]:
-        # Arrays of their own: rows of one would have to be taken for overlapping
-        return tuple(np.empty(count, np.float32) for _ in range(3))
-
-    asked, mine = np.empty((2, _TOGETHER), np.int64)
-    facing, hidden = np.empty((2, _TOGETHER))
-    chosen = np.empty((slots, _TOGETHER), np.bool_), asked, mine, facing, hidden
-    feet = three(_TOGETHER), three(_TOGETHER), three(_TOGETHER), np.empty(_TOGETHER, np.float32), three(_TOGETHER)
-    rays, four = (
-        (three(_ROOM), three(_ROOM), three(_ROOM), np.empty(_ROOM, np.float32)),
-        np.empty(4 * _ROOM, np.float32),
-    )
-    found_at, four = (np.empty(_ROOM, np.int32), np.empty(_ROOM, np.int32)), np.empty(4 * _ROOM, np.float32)
-    return chosen, feet, rays, three(_ROOM), (three(_ROOM), three(_ROOM), found_at, three(_ROOM), three(_ROOM), four)
+    foot, ray = (_TOGETHER,) * 3, (_ROOM,) * 3
+    near, numbers = room((slots, _TOGETHER), dtype=np.bool_), room(*foot[:2], dtype=np.int64)
+    feet = room(*foot), room(*foot), room(*foot), *room(_TOGETHER), room(*foot)
+    rays, at = (room(*ray), room(*ray), room(*ray), *room(_ROOM)), room(*ray[:2], dtype=np.int32)
+    of_step = room(*ray), room(*ray), at, room(*ray), room(*ray), *room(4 * _ROOM)
+    return (*near, *numbers, *room(*foot[:2], dtype=np.float64)), feet, rays, room(*ray), of_step
 
 
 @fast
-def _see(footprints: Any, of_lights: Any, columns: Any, rays_of: Any, room: Any, seen: Any) -> None:
+def _see(footprints: Any, of_lights: Any, columns: Any, rays_of: Any, work: Any, seen: Any) -> None:
     """Set the visible fractions (n, k) of lights that are negative.
 
     of_lights: lights (k, ...), the numbers (k,) of their fans, and (n, 3) slope of the middle of the first of them,
     across over along, and radius by which it is wider; (0, 3) where these are its own. columns: slots, values, size and
-    clear of `Visibility`, rays_of: its rays and fans. room: of `_see_room`.
+    clear of `Visibility`, rays_of: its rays and fans. work: of `_see_room`.
     """
     (lights, of_fans, turned), (slots, values, size, clear), (fans_of, fans) = of_lights, columns, rays_of
-    (near, asked, mine, facing, hidden), feet, rays, outcome, room = room
+    (near, asked, mine, facing, hidden), feet, rays, outcome, of_step = work
     blocked = outcome[2]
     for begin in range(0, len(footprints), _TOGETHER):
         for number in range(len(lights)):
@@ -494,7 +485,7 @@ def _see(footprints: Any, of_lights: Any, columns: Any, rays_of: Any, room: Any,
                     _start(fan, (done, last, found), slot, numbers[3], feet, rays)
                     stride = _STRIDE if bent else _ONE
                     of_body = values[body], slot, size, clear
-                    _walk(of_body, found * (last - done), rays, stride, room, outcome)
+                    _walk(of_body, found * (last - done), rays, stride, of_step, outcome)
                     # Of two bodies the larger counts where both are opaque
                     for k in range(last - done):
                         for m in range(found):
@@ -589,13 +580,13 @@ def _start(fan: Any, part: Any, slot: Any, widening: Any, feet: Any, rays: Any) 
 
 
 @inlined
-def _walk(of_body: Any, rays: Any, of_rays: Any, stride: Any, room: Any, outcome: Any) -> None:
+def _walk(of_body: Any, rays: Any, of_rays: Any, stride: Any, work: Any, outcome: Any) -> None:
     """Set what a body blocks of a number of rays, most (rays,), the first of outcome; all of them take a step at a
     time. of_body: as `_between` has it. of_rays: of `_start`. stride: length of a step, in widths of a ray.
     """
     columns, slot, size, clear = of_body
     (x, y, z), (slope_x, slope_y, across), (h, until, widths), widening = of_rays
-    (filled, top, bottom), (filled_a, top_a, bottom_a), (at, side), (fx, fy, _), of_level, four = room
+    (filled, top, bottom), (filled_a, top_a, bottom_a), (at, side), (fx, fy, _), of_level, four = work
     (wanted, per_texel, inside), (most, h_a, _) = of_level, outcome
     all_texels, half = np.float32(size), np.float32(0.5 * size)
     texel = np.float32(2.0 * max(slot[2], slot[3]) / size)

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.cache import Cache, PartOf, Scratch
+from mr360uw.base.cache import Cache, PartOf, Scratch, room
 from mr360uw.base.sphere import basis
 from mr360uw.composite.ambient.form_factors import rounded
 from mr360uw.composite.gl.triangles import BLENDED, MASKED, OPAQUE, mesh_looks
@@ -229,7 +229,8 @@ def _draw_slots(
             positions = np.asarray(placed.mesh.positions, np.float64)
             projection = frame.matrix(placed), of_frame, frame.middle_m, frame.nearest_m
             kinds = look.kind, cutouts([look], np.array([0, len(look.kind)]))
-            _draw(positions, projection, kinds, spans, heights, passed, _triangle_room())
+            work = room((3, 3), 3, 3, (3, 3), 3, 3, (2, 2), dtype=np.float64)
+            _draw(positions, projection, kinds, spans, heights, passed, work)
         _sum_levels(heights, passed, spans, of_frame[4], slot)
     return values.reshape(len(frames), values.shape[1] * 4), extents
 
@@ -240,22 +241,17 @@ _LOWEST = np.float32(-1e9)
 """Height of texels that nothing covers."""
 
 
-def _triangle_room() -> tuple[Floats, ...]:
-    """Return room for a triangle: its corners, their places in the map, edges, the plane, weights and a change."""
-    return np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3), np.zeros((2, 2))
-
-
 @fast
-def _draw(positions: Any, projection: Any, kinds: Any, spans: Any, heights: Any, passed: Any, room: Any) -> None:
+def _draw(positions: Any, projection: Any, kinds: Any, spans: Any, heights: Any, passed: Any, work: Any) -> None:
     """Draw a mesh (T, 3, 3) into the texels of a slot: the largest of (top, -bottom) along the light, heights (2, n,
     n), and the product of what its surfaces let through, passed (n, n), empty where all bodies are opaque.
 
     projection: matrix (3, 4) from the mesh to the axes of the frame, extents, middle and nearest distance of
     `ShadowFrame`, the middle one 0 for the sun. kinds: of triangles, and tables of `cutouts`. spans: (2, n / 2) first
-    and last texel that is drawn of each two rows; what lies beyond has any value. room: of `_triangle_room`.
+    and last texel that is drawn of each two rows; what lies beyond has any value. work: room for a triangle.
     """
     (matrix, extents, middle, nearest), (kind, (cut, cuts, alphas, places)) = projection, kinds
-    side, (p, x, y, edge, plane, weights, change) = heights.shape[1], room
+    side, (p, x, y, edge, plane, weights, change) = heights.shape[1], work
     # Texels of a metre across the light, and of its axis
     per_x, per_y = 0.5 * side / extents[2], 0.5 * side / extents[3]
     at_x = 0.5 * (side - 1.0) - per_x * extents[0] + _BESIDE[0]

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.cache import Cache, PartOf, shared
+from mr360uw.base.cache import Cache, PartOf, room, shared
 from mr360uw.composite.gl.triangles import (
     BLENDED,
     BLOCK,
@@ -120,9 +120,8 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     optics = np.float32(view.eye_m), np.float32(slack), np.float32(step), by_sample
     shown, reach = np.empty((len(corner), BLOCK * BLOCK), np.int32), np.zeros(len(members), np.uint16)
     most = int(np.diff(bounds).max(initial=1))
-    rays, near = np.zeros((6, _PROBES), np.float32), np.zeros((most, _PROBES), np.float32)
-    room = rays[:3], rays[3:], near, *np.zeros((3, _PROBES), np.float32), _mask_room()
-    _classify((corner, bounds, members, masks), scene, tables, optics, room, shown, reach)
+    work = *room((3, _PROBES), (3, _PROBES), (most, _PROBES), _PROBES, _PROBES, BLOCK * _WIDE), _mask_room()
+    _classify((corner, bounds, members, masks), scene, tables, optics, work, shown, reach)
     # Trace the samples of the others; blended surfaces layer by layer, wherever they reach
     inputs = (corner, bounds, members, reach), scene, tables, optics
     layers: list[Fragments] = []
@@ -194,7 +193,7 @@ def _traced(view: View, count: int, at: NDArray[np.int64], inputs: Any, layer: i
     samples, pattern_ = _sample_tables(view.width, view.height, count)
     lists, scene, tables, optics = inputs
     most, found = count if optics[-1] else GROUPS, _NOTHING
-    room = _sample_room(pattern_[0].shape[2], int(np.diff(lists[1]).max(initial=1)))
+    work = _sample_room(pattern_[0].shape[2], int(np.diff(lists[1]).max(initial=1)))
     for start in range(0, len(at), _FRAGMENTS_AT_ONCE // most):
         # Room for as many fragments as there may be: memory that is not written is not taken
         some = at[start : start + _FRAGMENTS_AT_ONCE // most]
@@ -204,7 +203,7 @@ def _traced(view: View, count: int, at: NDArray[np.int64], inputs: Any, layer: i
         area, weight = np.empty((capacity, 5)), np.empty(capacity)
         filled, covered = np.empty(len(some), np.int64), np.empty((len(some), count), np.bool_)
         outputs = pixels, first, triangle, place, area, weight, filled, covered
-        there, total = _trace(some, lists, scene, tables, optics, pattern_, (count, layer), room, outputs)
+        there, total = _trace(some, lists, scene, tables, optics, pattern_, (count, layer), work, outputs)
         row, column = pixels[:, :there].copy()
         partly = np.flatnonzero(filled[:there] < count)
         gaps = find_gaps(samples, row[partly], column[partly], covered[partly])
@@ -270,12 +269,12 @@ def _meet(rays: Any, facet: Any, eye: Any, met: Any) -> None:
         px, py, pz = ax + bx + cx, ay + by + cy, az + bz + cz
         for i in range(rays.shape[1]):
             x, y, z = rays[0, i], rays[1, i], rays[2, i]
-            room = np.float32(1.0) - eye * (pz * x - px * z)
-            if abs(room) < np.float32(1e-9):
-                room = np.float32(1e-9) if room >= np.float32(0.0) else np.float32(-1e-9)
-            along = eye * (px * x + py * y + pz * z) / room
+            divisor = np.float32(1.0) - eye * (pz * x - px * z)
+            if abs(divisor) < np.float32(1e-9):
+                divisor = np.float32(1e-9) if divisor >= np.float32(0.0) else np.float32(-1e-9)
+            along = eye * (px * x + py * y + pz * z) / divisor
             # turned away from where it would meet the back, if only one side is shown
-            shown = np.float32(1.0) if side * room <= np.float32(0.0) else np.float32(-1.0)
+            shown = np.float32(1.0) if side * divisor <= np.float32(0.0) else np.float32(-1.0)
             x, y, z = shown * (x - along * z), shown * y, shown * (z + along * x)
             met[0, i] = ax * x + ay * y + az * z
             met[1, i] = bx * x + by * y + bz * z
@@ -323,16 +322,15 @@ def alpha_of(cuts: Any, alphas: Any, places: Any, weights: Any, change: Any) -> 
 
 def _mask_room() -> tuple[NDArray[Any], ...]:
     """Return room of masked triangles: three rays and what they meet, their first (u, v), weights, change of (u, v)."""
-    rays = np.empty((2, 3, 3), np.float32)
-    return rays[0], rays[1], np.zeros(2), np.empty(3), np.zeros((2, 2))
+    return *room((3, 3), (3, 3)), *room(2, 3, (2, 2), dtype=np.float64)
 
 
 @exact
-def _set_uv_change(cuts: Any, facet: Any, eye: Any, x: Any, y: Any, step: Any, size: Any, room: Any) -> None:
+def _set_uv_change(cuts: Any, facet: Any, eye: Any, x: Any, y: Any, step: Any, size: Any, work: Any) -> None:
     """Set the change (2, 2) of (u, v) of a masked triangle from a place in the frame to those `step` pixels to the
-    right and below. size: width and height of the frame. room: of `_mask_room`, of which the change is part.
+    right and below. size: width and height of the frame. work: of `_mask_room`, of which the change is part.
     """
-    ray, near, here, _, change = room
+    ray, near, here, _, change = work
     for n in range(3):
         lon = 2.0 * np.pi * ((x + (step if n == 1 else 0.0)) / size[0] - 0.5)
         lat = np.pi * (0.5 - (y + (step if n == 2 else 0.0)) / size[1])
@@ -352,9 +350,9 @@ def _set_uv_change(cuts: Any, facet: Any, eye: Any, x: Any, y: Any, step: Any, s
 
 
 @exact
-def _close_masked(met: Any, best: Any, cuts: Any, alphas: Any, places: Any, room: Any, least: Any) -> None:
+def _close_masked(met: Any, best: Any, cuts: Any, alphas: Any, places: Any, work: Any, least: Any) -> None:
     """Make the rays (n,) miss a masked triangle whose alpha is below `least` where it would be their nearest hit."""
-    _, _, _, weights, change = room
+    _, _, _, weights, change = work
     for i in range(len(best)):
         inside = min(met[0, i], met[1, i], met[2, i]) >= 0.0
         if inside and met[0, i] + met[1, i] + met[2, i] > best[i]:
@@ -365,18 +363,18 @@ def _close_masked(met: Any, best: Any, cuts: Any, alphas: Any, places: Any, room
 
 
 @fast
-def _classify(lists: Any, scene: Any, tables: Any, optics: Any, room: Any, shown: Any, reach: Any) -> None:
+def _classify(lists: Any, scene: Any, tables: Any, optics: Any, work: Any, shown: Any, reach: Any) -> None:
     """Set what the pixels of blocks show, (n, 16): the number of a triangle + 1 where its smooth piece fills the pixel,
     0 where nothing reaches into it, -1 otherwise; and the bits of the pixels that each member of a list reaches into.
 
     lists: of `make_blocks`. scene: facets, least inverse distances, kinds and smooth pieces of triangles, and tables of
     `cutouts`. tables: of `_ray_tables`. optics: the eye's distance from the middle, the slack of `_tolerance`, the
-    distance [pixels] of samples, and whether none is filled, for each is shaded. room: rays and what they meet, (3, n),
+    distance [pixels] of samples, and whether none is filled, for each is shaded. work: rays and what they meet, (3, n),
     of each member its distance; nearest distance, whose it is, and bits; and `_mask_room`.
     """
     (corner, bounds, members, masks), (longitude, latitude), (eye, slack, step, by_sample) = lists, tables, optics
     facets, _, kind, piece, (cut, cuts, alphas, places) = scene
-    (rays, met, near, best, who, bit, of_mask), zero = room, np.float32(0.0)
+    (rays, met, near, best, who, bit, of_mask), zero = work, np.float32(0.0)
     size = longitude.shape[2] - 2 * BLOCK, latitude.shape[2] - 2 * BLOCK
     for p in range(BLOCK * BLOCK):
         bit[_WIDE * (p // BLOCK) + p % BLOCK] = np.float32(1 << p)
@@ -427,18 +425,18 @@ def _classify(lists: Any, scene: Any, tables: Any, optics: Any, room: Any, shown
                 continue
             k = int(who[_CORNERS + i])
             t, whole = members[bounds[b] + k], True
-            room = _tolerance(facets[t], slack, depth)
+            margin = _tolerance(facets[t], slack, depth)
             for j in range(4):
                 at = i + j % 2 + _WIDE * (j // 2)
                 if (
                     best[at] == zero
                     or piece[members[bounds[b] + int(who[at])]] != piece[t]
-                    or _off(facets[t], rays[0, at], rays[1, at], rays[2, at], eye, best[at]) > room * best[at]
+                    or _off(facets[t], rays[0, at], rays[1, at], rays[2, at], eye, best[at]) > margin * best[at]
                 ):
                     whole = False
             if not whole:
                 continue
-            thinner = np.float32(1.0) - _APART * room
+            thinner = np.float32(1.0) - _APART * margin
             a0, a1, a2, a3 = near[k, i], near[k, i + 1], near[k, i + _WIDE], near[k, i + _WIDE + 1]
             for m in range(bounds[b], bounds[b + 1]):
                 j = m - bounds[b]
@@ -468,16 +466,13 @@ def _mark(bounds: Any, members: Any, reach: Any, kind: Any, clear: Any) -> None:
 
 def _sample_room(samples: int, members: int) -> tuple[Any, ...]:
     """Return room of `_trace` for the samples of a pixel, and for the most members of a list."""
-    rays = np.empty((2, 3, samples), np.float32)
-    # Arrays of their own: rows of one would have to be taken for overlapping
-    of_sample = tuple(np.empty(samples, np.float32) for _ in range(7))
-    numbers = np.arange(samples, dtype=np.float32)
-    return (rays[0], rays[1]), of_sample, np.empty(members, np.float32), numbers, _mask_room()
+    of_sample, numbers = room(*(samples,) * 7), np.arange(samples, dtype=np.float32)
+    return room((3, samples), (3, samples)), of_sample, *room(members), numbers, _mask_room()
 
 
 @fast
 def _trace(
-    at: Any, lists: Any, scene: Any, tables: Any, optics: Any, pattern_: Any, asked: Any, room: Any, outputs: Any
+    at: Any, lists: Any, scene: Any, tables: Any, optics: Any, pattern_: Any, asked: Any, work: Any, outputs: Any
 ) -> Any:
     """Write the fragments of pixels at (p,), as of `_whole`, and return the number of pixels that have any and of
     fragments.
@@ -485,14 +480,14 @@ def _trace(
     lists, scene, tables, optics: of `_classify`, with what members reach into for masks. pattern_: (cosine, sine) of
     the angles of longitude and latitude of samples from a pixel's corner, (2, 2, s), s a multiple of 8; cells (5, s)
     with their products, positions (2, s), 1 for those that are no copies, and axes of `_set_area`. asked: number of
-    samples, and of the blended surface from the front, -1 for the nearest of the others. room: of `_sample_room`.
+    samples, and of the blended surface from the front, -1 for the nearest of the others. work: of `_sample_room`.
     outputs: arrays of `Fragments`, then (p,) number of covered samples, and (p, count) which, where that is not all.
     """
     (corner, bounds, members, reach), (longitude, latitude), (eye, slack, step, by_sample) = lists, tables, optics
     facets, nearest, kind, piece, (cut, cuts, alphas, places) = scene
     (turns, cells, positions, real, axes), (count, layer) = pattern_, asked
     pixels, first, triangle, place, area, weight, filled, covered = outputs
-    (rays, met), (best, wall, limit, who, part, free, mine), pieces, numbers, of_mask = room
+    (rays, met), (best, wall, limit, who, part, free, mine), pieces, numbers, of_mask = work
     n, zero, big, block = turns.shape[2], np.float32(0.0), np.float32(1e30), -1
     size = longitude.shape[2] - 2 * BLOCK, latitude.shape[2] - 2 * BLOCK
     there = found = 0
@@ -558,7 +553,7 @@ def _trace(
             while free[seed] == zero:
                 seed += 1
             t, own = members[bounds[b] + int(who[seed])], part[seed]
-            room, last = _tolerance(facets[t], slack, best[seed]), number == GROUPS - 1
+            margin, last = _tolerance(facets[t], slack, best[seed]), number == GROUPS - 1
             px = facets[t, 0] + facets[t, 3] + facets[t, 6]
             py = facets[t, 1] + facets[t, 4] + facets[t, 7]
             pz = facets[t, 2] + facets[t, 5] + facets[t, 8]
@@ -573,7 +568,7 @@ def _trace(
                 for i in range(n):
                     along = eye * best[i]
                     x, y, z = rays[0, i] - along * rays[2, i], rays[1, i], rays[2, i] + along * rays[0, i]
-                    near = abs(px * x + py * y + pz * z - best[i]) <= room * best[i]
+                    near = abs(px * x + py * y + pz * z - best[i]) <= margin * best[i]
                     mine[i] = free[i] if near & (part[i] == own) else zero
                 if last:
                     for i in range(n):
