@@ -16,6 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, Scratch, room
@@ -557,16 +560,20 @@ def _start(fan: Any, part: Any, slot: Any, widening: Any, feet: Any, rays: Any) 
     far = np.float32(slot[6])
     x, y, z = start
     for ray in range(first, last):
-        p, q, begin = fan[2, ray], fan[3, ray], (ray - first) * count
+        mine = slice((ray - first) * count, (ray - first + 1) * count)
+        p, q, widths, growths = fan[2, ray], fan[3, ray], spans[2][mine], growth[mine]
+        _place_starts(x[mine], middle[0], one_side[0], other_side[0], p, q)
+        _place_starts(y[mine], middle[1], one_side[1], other_side[1], p, q)
+        _place_starts(z[mine], middle[2], one_side[2], other_side[2], p, q)
+        slope_x, slope_y, across = slope[0][mine], slope[1][mine], slope[2][mine]
         for k in range(count):
-            x[begin + k] = middle[0][k] + p * one_side[0][k] + q * other_side[0][k]
-            y[begin + k] = middle[1][k] + p * one_side[1][k] + q * other_side[1][k]
-            z[begin + k] = middle[2][k] + p * one_side[2][k] + q * other_side[2][k]
-            spans[2][begin + k] = grain[k]
+            widths[k], growths[k] = grain[k], wide[k] * wider
         for k in range(count):
-            slope_x, slope_y = low_x[k] + wide[k] * fan[0, ray], low_y[k] + wide[k] * fan[1, ray]
-            slope[0][begin + k], slope[1][begin + k], growth[begin + k] = slope_x, slope_y, wide[k] * wider
-            slope[2][begin + k] = _ONE / max(np.sqrt(slope_x * slope_x + slope_y * slope_y), _LEAST)
+            slope_x[k] = low_x[k] + wide[k] * fan[0, ray]
+        for k in range(count):
+            slope_y[k] = low_y[k] + wide[k] * fan[1, ray]
+        for k in range(count):
+            across[k] = _ONE / max(np.sqrt(slope_x[k] * slope_x[k] + slope_y[k] * slope_y[k]), _LEAST)
     total = (last - first) * count
     if far > _ZERO:
         # The map of shadow_columns.py; behind the lamp nothing hides it
@@ -574,9 +581,49 @@ def _start(fan: Any, part: Any, slot: Any, widening: Any, feet: Any, rays: Any) 
             scale = far / z[k] if z[k] > _ZERO else _ZERO
             x[k], y[k], z[k] = x[k] * scale, y[k] * scale, far * scale if z[k] > _ZERO else -_ONE
             spans[2][k] *= z[k] / far
+    low, high = spans[0], spans[1]
     for k in range(total):
         x[k], y[k], z[k] = x[k] - at_x, y[k] - at_y, z[k] - lowest
-        spans[0][k], spans[1][k] = max(-z[k], _ZERO), max(reach - z[k], _ZERO)
+    for k in range(total):
+        low[k], high[k] = max(-z[k], _ZERO), max(reach - z[k], _ZERO)
+
+
+@inlined
+def _place_starts(start: Any, middle: Any, one_side: Any, other_side: Any, p: Any, q: Any) -> None:
+    """Set a coordinate of the starts of a ray of each footprint, at p and q of its sides from its middle.
+
+    A loop of one result is compiled for eight numbers at once; of several, whose arrays may overlap, for one.
+    """
+    for k in range(len(start)):
+        start[k] = middle[k] + p * one_side[k] + q * other_side[k]
+
+
+@intrinsic  # type: ignore[untyped-decorator, misc, unused-ignore]
+def _mix_texels(_: Any, texels: Any, places: Any, shares: Any, out: Any, at: Any) -> Any:
+    """Write the four channels of a texel and the one beside it, in two rows, mixed in shares of each, to `out` from
+    `at` on: four numbers in one instruction, of which the compiler on its own takes one by one.
+
+    places: of the first channel in either row. shares: of the texels, row by row.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        def pointer(array: int, place: Any, beside: int) -> Any:
+            data = context.make_array(signature.args[array])(context, builder, values[array]).data
+            place = builder.add(place, place.type(4 * beside))
+            return builder.bitcast(builder.gep(data, [place]), four.as_pointer())
+
+        four, whole = ir.VectorType(ir.FloatType(), 4), ir.Constant(ir.VectorType(ir.IntType(32), 4), [0] * 4)
+        total = ir.Constant(four, [0.0] * 4)
+        for n in range(4):
+            place, share = builder.extract_value(values[1], n // 2), builder.extract_value(values[2], n)
+            first = builder.insert_element(ir.Constant(four, ir.Undefined), share, ir.IntType(32)(0))
+            shares = builder.shuffle_vector(first, first, whole)
+            texel = builder.load(pointer(0, place, n % 2), align=4)
+            total = builder.fadd(total, builder.fmul(shares, texel, flags=("fast",)), flags=("fast",))
+        builder.store(total, pointer(3, values[4], 0), align=4)
+        return context.get_dummy_value()
+
+    return types.void(texels, places, shares, out, at), generate
 
 
 @inlined
@@ -623,12 +670,7 @@ def _walk(of_body: Any, rays: Any, of_rays: Any, stride: Any, work: Any, outcome
             below = above + np.uint64(4 * side[k])
             c, d = fx[k] * (_ONE - fy[k]), fx[k] * fy[k]
             a, b = _ONE - fy[k] - c, fy[k] - d
-            for channel in range(4):
-                one, other = above + np.uint64(channel), below + np.uint64(channel)
-                four[4 * k + channel] = (
-                    a * columns[one] + c * columns[one + np.uint64(4)]
-                    + b * columns[other] + d * columns[other + np.uint64(4)]
-                )  # fmt: skip
+            _mix_texels(columns, (above, below), (a, c, b, d), four, np.uint64(4 * k))
         # One that is partly filled is taken as thinner, in proportion; its edges are as wide as the ray
         for k in range(rays):
             part = inside[k] * four[4 * k]
@@ -647,9 +689,11 @@ def _walk(of_body: Any, rays: Any, of_rays: Any, stride: Any, work: Any, outcome
         # Between this and the one before the ends are straight lines, which the ray may cross
         if step > 0:
             for k in range(rays):
-                fa, fb = filled_a[k], filled[k]
-                ta, ba = (top_a[k], bottom_a[k]) if fa > _ZERO else (top[k], bottom[k])
-                tb, bb = (top[k], bottom[k]) if fb > _ZERO else (top_a[k], bottom_a[k])
+                fa, fb, ta, ba, tb, bb = filled_a[k], filled[k], top_a[k], bottom_a[k], top[k], bottom[k]
+                ta, ba, tb, bb = (
+                    ta if fa > _ZERO else tb, ba if fa > _ZERO else bb,
+                    tb if fb > _ZERO else ta, bb if fb > _ZERO else ba,
+                )  # fmt: skip
                 za, zb = z[k] + h_a[k], z[k] + h[k]
                 below_a, below_b = za - ba + margin, zb - bb + margin
                 above_a, above_b = ta - za + margin, tb - zb + margin
