@@ -497,10 +497,13 @@ def _trace(
         # Aim a ray at every sample
         lon_c, lon_s = longitude[0, 0, column], longitude[1, 0, column]
         lat_c, lat_s = latitude[0, 0, row], latitude[1, 0, row]
+        turn_c, turn_s, tip_c, tip_s = turns[0, 0], turns[0, 1], turns[1, 0], turns[1, 1]
         for i in range(n):
-            x, y = lon_c * turns[0, 0, i] - lon_s * turns[0, 1, i], lon_s * turns[0, 0, i] + lon_c * turns[0, 1, i]
-            c, s = lat_c * turns[1, 0, i] - lat_s * turns[1, 1, i], lat_s * turns[1, 0, i] + lat_c * turns[1, 1, i]
-            rays[0, i], rays[1, i], rays[2, i] = c * y, s, -c * x
+            rays[1, i] = lat_s * tip_c[i] + lat_c * tip_s[i]
+        for i in range(n):
+            rays[0, i] = (lat_c * tip_c[i] - lat_s * tip_s[i]) * (lon_s * turn_c[i] + lon_c * turn_s[i])
+        for i in range(n):
+            rays[2, i] = (lat_s * tip_s[i] - lat_c * tip_c[i]) * (lon_c * turn_c[i] - lon_s * turn_s[i])
         # Find the nearest solid surface, then as many blended ones in front of it as the layer asks for
         for turn in range(layer + 2):
             for i in range(n):
@@ -523,10 +526,10 @@ def _trace(
                         met[0, i] = met[0, i] if met[0, i] + met[1, i] + met[2, i] <= limit[i] else np.float32(-1.0)
                 _keep_nearest(met, np.float32(m - bounds[b]), best, who)
                 if turn == 0:
-                    least = big
+                    farther = zero
                     for i in range(n):
-                        least = min(least, best[i])
-                    if least >= nearest[t]:
+                        farther += np.float32(1.0) if best[i] < nearest[t] else zero
+                    if farther == zero:
                         break  # those that follow are farther away
         # Group the samples that show a smooth piece near a plane
         if b != block:
@@ -587,13 +590,14 @@ def _trace(
                 left -= int(total)
                 # The sample nearest to the mean stands for the group; in whole numbers, of which the last seven bits
                 # are the sample's: single floats hold them exactly
-                least = big
+                lowest = np.int32(1 << 30)
                 for i in range(n):
                     value = total * (cells[2, i] + cells[4, i]) - np.float32(2.0) * (
                         sum_x * cells[0, i] + sum_y * cells[1, i]
                     )
-                    least = min(least, np.float32(128.0) * value + numbers[i] if mine[i] > zero else big)
-                rank = int(least) & 127
+                    value = np.float32(128.0) * value + numbers[i] if mine[i] > zero else np.float32(1 << 30)
+                    lowest = min(lowest, np.int32(value))
+                rank = lowest & 127
                 t = members[bounds[b] + int(who[rank])]
                 weight[found] = total / count
                 sums = np.float64(total), np.float64(sum_x), np.float64(sum_y), xx, xy, yy
