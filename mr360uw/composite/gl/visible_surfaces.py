@@ -597,7 +597,7 @@ def _trace(
                     )
                     value = np.float32(128.0) * value + numbers[i] if mine[i] > zero else np.float32(1 << 30)
                     lowest = min(lowest, np.int32(value))
-                rank = lowest & 127
+                rank = int(lowest) & 127
                 t = members[bounds[b] + int(who[rank])]
                 weight[found] = total / count
                 sums = np.float64(total), np.float64(sum_x), np.float64(sum_y), xx, xy, yy
