@@ -324,7 +324,7 @@ def _sum_slopes(
             # As many points across as its longest side needs
             opposite = max((bx + ex) ** 2 + (bz + ez) ** 2, (dx + ex) ** 2 + (dz + ez) ** 2)
             side = max(bx * bx + bz * bz, dx * dx + dz * dz, opposite)
-            across = min(max(math.ceil(math.sqrt(side) * closer), 1), _MOST_POINTS)
+            across = min(max(int(np.ceil(np.sqrt(side) * closer)), 1), _MOST_POINTS)
             step = one / np.float32(across)
             light = flux[j, i] * np.float32(gain) * step * step
             t = half * step
@@ -334,7 +334,7 @@ def _sum_slopes(
                 s = half * step
                 for _ in range(across):
                     at_x, at_z, to_u, to_v = x + s * run_x, z + s * run_z, u + s * run_u, v + s * run_v
-                    left, top = math.floor(at_x), math.floor(at_z)
+                    left, top = np.int32(np.floor(at_x)), np.int32(np.floor(at_z))
                     i0, j0, i1, j1 = left & last, top & last, (left + 1) & last, (top + 1) & last
                     right, low = at_x - np.float32(left), (at_z - np.float32(top)) * light
                     high, square = light - low, to_u * to_u + to_v * to_v + more

@@ -341,7 +341,7 @@ def sum_cells(
             ex, ez = row[2, i + 1] - ax - bx - dx, row[3, i + 1] - az - bz - dz
             opposite = max((bx + ex) ** 2 + (bz + ez) ** 2, (dx + ex) ** 2 + (dz + ez) ** 2)
             side = max(bx * bx + bz * bz, dx * dx + dz * dz, opposite)
-            across = min(max(math.ceil(math.sqrt(side) * closer), 1), _MOST_ACROSS)
+            across = min(max(int(np.ceil(np.sqrt(side) * closer)), 1), _MOST_ACROSS)
             step = one / np.float32(across)
             light = flux[j, i] * np.float32(gain) * step * step
             t = half * step

@@ -64,7 +64,8 @@ def _encode_row(plate: Any, light_bits: Any, alpha: Any, k: Any, channel: int, t
 def _noise(row: int, column: int, frame: int) -> Any:
     """Return interleaved gradient noise, 0.001 to 0.999 (`constants.DITHER_ALONG`)."""
     shift = np.float32(DITHER_STEP) * np.float32(frame & (DITHER_FRAMES - 1))
-    ramp = np.float32(DITHER_ALONG) * (np.float32(column) + shift) + np.float32(DITHER_DOWN) * (np.float32(row) + shift)
+    x, y = np.float32(np.int32(column)) + shift, np.float32(np.int32(row)) + shift
+    ramp = np.float32(DITHER_ALONG) * x + np.float32(DITHER_DOWN) * y
     value = np.float32(DITHER_CONTRAST) * (ramp - np.float32(np.int32(ramp)))
     return np.float32(DITHER_LEAST) + np.float32(1.0 - 2.0 * DITHER_LEAST) * (value - np.float32(np.int32(value)))
 
@@ -156,7 +157,8 @@ def _next_run(changed: Any, begin: int) -> Any:
 
 def row_room(width: int) -> tuple[Any, ...]:
     """Return room of `write_planes` for a row of pixels, and for the rows that share a row of chroma samples."""
-    of_row, of_ground = room(width, width, (3, width), (width, 3), (width, 3), (0, 3)), room((width, 3), (width, 3))
+    of_row = room(width, width, (3, width), (width, 3), (width + 1, 3), (0, 3))  # the last one for what is returned
+    of_ground = room((width, 3), (width, 3))
     of_chroma = room((2, 2, width), (3, width + 2)), room((2, width), width + 2, dtype=np.bool_)
     return *of_row, (ground_room(), *of_ground), *of_chroma
 
@@ -180,7 +182,7 @@ def write_planes(
     cb, cr, steps, plate, light, none, of_ground, (chroma, sums), (changed, touched) = work
     (lines, own_ratio, own_veil), bits, bare = of_ground, light.view(np.uint32), len(ratio) == 0
     (height, width), one, grainy = alpha.shape, np.float32(1.0), noise.size > 0
-    brightest, total = np.float32(0.0), np.float32(0.0)
+    ordered, most, total = light.view(np.int32), np.int32(0), np.float32(0.0)  # bits of light sort as light does
     for j in range(row >> sy, ((row + height - 1) >> sy) + 1):
         begin, end, any_ = max((j << sy) - row, 0), min(((j + 1) << sy) - row, height), False
         for r in range(begin, end):
@@ -193,7 +195,9 @@ def write_planes(
                 chroma_row(v, (row + r, column, sx, sy, wrap), k[2], k[3], cr)
                 light_row(codes, cb, cr, k, decoding, steps, plate)
             if bare:
-                own_ratio[:], own_veil[:] = one, np.float32(0.0)
+                flat_ratio, flat_veil = own_ratio.reshape(-1), own_veil.reshape(-1)
+                for n in range(3 * width):
+                    flat_ratio[n], flat_veil[n] = one, np.float32(0.0)
                 ground_line(ground, row + r, column, plate, lines, own_ratio, own_veil)
             share, haze = own_ratio if bare else ratio[r], own_veil if bare else veil[r]
             find_changes(alpha[r], radiance[r], share, more, changed[b])
@@ -214,9 +218,10 @@ def write_planes(
                         light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
                     blend_row(plate[part], radiance[r, part], alpha[r, part], share[part], haze[part], more[part], one,
                               light[part])  # fmt: skip
-                for c in range(first, after):
-                    brightest = max(brightest, light[c, 0], light[c, 1], light[c, 2])
-                    total += light[c, 0] + light[c, 1] + light[c, 2]
+                written, in_order = light[part].reshape(-1), ordered[part].reshape(-1)
+                for n in range(len(written)):
+                    most = max(most, in_order[n])
+                    total += written[n]
                 # Encode the difference, with the grain
                 for n in range(3):
                     old_row = codes[part], cb[part], cr[part]
@@ -226,20 +231,24 @@ def write_planes(
                     _grain_row(codes[part], cb[part], cr[part], alpha[r, part], own, strength[0], k, steps[:, part])
                 # Add it to the codes of luma, and keep that of chroma
                 red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
-                for c in range(first, after):
-                    step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
-                    code = _quantise(np.float32(codes[c]) + step, _noise(row + r, column + c, frame), peak)
-                    codes_out[c] = code if changed[b, c] else codes_out[c]
+                (old_y, new_y), here = (codes[part], codes_out[part]), changed[b, part]
+                red_step, green_step, blue_step = steps[0, part], steps[1, part], steps[2, part]
+                for c in range(len(here)):
+                    step = red * red_step[c] + green * green_step[c] + blue * blue_step[c]
+                    code = _quantise(np.float32(old_y[c]) + step, _noise(row + r, column + first + c, frame), peak)
+                    new_y[c] = code if here[c] else new_y[c]
                 for n in range(2):
                     red, green, blue = k[3] * k[13 + 3 * n], k[3] * k[14 + 3 * n], k[3] * k[15 + 3 * n]
-                    for c in range(first, after):
-                        step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
-                        chroma[n, b, c] = step if changed[b, c] else np.float32(0.0)
+                    row_of_chroma = chroma[n, b, part]
+                    for c in range(len(here)):
+                        step = red * red_step[c] + green * green_step[c] + blue * blue_step[c]
+                        row_of_chroma[c] = step if here[c] else np.float32(0.0)
                 first, after = _next_run(changed[b], after)
         if any_:
             change = chroma, alpha[begin:end], changed[: end - begin]
             _write_chroma(old, new, place, (k, peak), j, change, (blotches, strength[1:]), (sums, touched))
-    return brightest, total
+    ordered[width, 0] = most
+    return light[width, 0], total
 
 
 @fast

@@ -17,7 +17,6 @@ means of 2 x 2 texels that are drawn; levels are means of 2 x 2, 4 x 4, ... colu
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -300,8 +299,9 @@ def _draw(positions: Any, projection: Any, kinds: Any, spans: Any, heights: Any,
         # Walk along the rows of texels that the triangle covers
         left, right, top, bottom = 0, side - 1, 0, side - 1
         if ahead:
-            left, right = max(math.ceil(min(x[0], x[1], x[2])), 0), min(math.floor(max(x[0], x[1], x[2])), side - 1)
-            top, bottom = max(math.ceil(min(y[0], y[1], y[2])), 0), min(math.floor(max(y[0], y[1], y[2])), side - 1)
+            left, right = max(int(np.ceil(min(x[0], x[1], x[2]))), 0), int(np.floor(max(x[0], x[1], x[2])))
+            top, bottom = max(int(np.ceil(min(y[0], y[1], y[2]))), 0), int(np.floor(max(y[0], y[1], y[2])))
+            right, bottom = min(right, side - 1), min(bottom, side - 1)
         for row in range(top, bottom + 1):
             low, high = 1.0 * left, 1.0 * right
             for k in range(3):
@@ -314,7 +314,7 @@ def _draw(positions: Any, projection: Any, kinds: Any, spans: Any, heights: Any,
                     high = -1.0
             if not low <= high:
                 continue
-            first, last = math.ceil(low), math.floor(high)
+            first, last = int(np.ceil(low)), int(np.floor(high))
             if first > last:
                 continue
             _widen(spans, row // 2, first, last, heights, passed)
