@@ -16,9 +16,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, Scratch, room
@@ -32,7 +29,7 @@ from mr360uw.composite.gl.shadow_columns import (
 )
 from mr360uw.composite.light_sources import lamps_of, sun_of, wide_pixel_offsets, widest_half_angle
 from mr360uw.composite.shot import Shot
-from mr360uw.jit import exact, fast, inlined
+from mr360uw.jit import exact, fast, inlined, mix_texels
 from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.types import Floats, View
 
@@ -598,34 +595,6 @@ def _place_starts(start: Any, middle: Any, one_side: Any, other_side: Any, p: An
         start[k] = middle[k] + p * one_side[k] + q * other_side[k]
 
 
-@intrinsic  # type: ignore[untyped-decorator, misc, unused-ignore]
-def _mix_texels(_: Any, texels: Any, places: Any, shares: Any, out: Any, at: Any) -> Any:
-    """Write the four channels of a texel and the one beside it, in two rows, mixed in shares of each, to `out` from
-    `at` on: four numbers in one instruction, of which the compiler on its own takes one by one.
-
-    places: of the first channel in either row. shares: of the texels, row by row.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        def pointer(array: int, place: Any, beside: int) -> Any:
-            data = context.make_array(signature.args[array])(context, builder, values[array]).data
-            place = builder.add(place, place.type(4 * beside))
-            return builder.bitcast(builder.gep(data, [place]), four.as_pointer())
-
-        four, whole = ir.VectorType(ir.FloatType(), 4), ir.Constant(ir.VectorType(ir.IntType(32), 4), [0] * 4)
-        total = ir.Constant(four, [0.0] * 4)
-        for n in range(4):
-            place, share = builder.extract_value(values[1], n // 2), builder.extract_value(values[2], n)
-            first = builder.insert_element(ir.Constant(four, ir.Undefined), share, ir.IntType(32)(0))
-            shares = builder.shuffle_vector(first, first, whole)
-            texel = builder.load(pointer(0, place, n % 2), align=4)
-            total = builder.fadd(total, builder.fmul(shares, texel, flags=("fast",)), flags=("fast",))
-        builder.store(total, pointer(3, values[4], 0), align=4)
-        return context.get_dummy_value()
-
-    return types.void(texels, places, shares, out, at), generate
-
-
 @inlined
 def _walk(of_body: Any, rays: Any, of_rays: Any, stride: Any, work: Any, outcome: Any) -> None:
     """Set what a body blocks of a number of rays, most (rays,), the first of outcome; all of them take a step at a
@@ -670,7 +639,7 @@ def _walk(of_body: Any, rays: Any, of_rays: Any, stride: Any, work: Any, outcome
             below = above + np.uint64(4 * side[k])
             c, d = fx[k] * (_ONE - fy[k]), fx[k] * fy[k]
             a, b = _ONE - fy[k] - c, fy[k] - d
-            _mix_texels(columns, (above, below), (a, c, b, d), four, np.uint64(4 * k))
+            mix_texels(columns, (above, below), (a, c, b, d), four, np.uint64(4 * k))
         # One that is partly filled is taken as thinner, in proportion; its edges are as wide as the ray
         for k in range(rays):
             part = inside[k] * four[4 * k]
