@@ -23,7 +23,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 import mr360uw
-from mr360uw.jit import ahead, exact, fast
+from mr360uw.jit import ahead, exact, fast, mix_texels
 
 HELPER = "from mr360uw.jit import inlined\nFACTOR = {}\n@inlined\ndef part(x):\n    return x * FACTOR\n"
 LOOP = "from mr360uw.jit import {}\n@{}\ndef whole(x):\n    return part(x) + 1.0\n"
@@ -163,6 +163,22 @@ def test_a_kernel_that_counts_no_users_calls_none_that_makes_arrays() -> None:
                 asked += 1
     assert asked > 50
     assert not wrong
+
+
+@exact
+def mixed(texels: Any, shares: Any, out: Any) -> None:
+    """Mix texels 1 and 2 of each of two rows of four into the second place of `out`."""
+    four = shares[0], shares[1], shares[2], shares[3]
+    mix_texels(texels, (np.uint64(4), np.uint64(20)), four, out, np.uint64(4))
+
+
+def test_texels_are_mixed_in_their_shares() -> None:
+    draw = np.random.default_rng(7)
+    texels, shares = draw.random((2, 4, 4), np.float32), draw.random(4, np.float32)
+    out = np.zeros(12, np.float32)
+    mixed(texels.reshape(-1), shares, out)
+    found = shares @ texels[:, 1:3].reshape(4, 4)
+    np.testing.assert_allclose(out, [0, 0, 0, 0, *found, 0, 0, 0, 0], rtol=4e-7)  # three roundings of single floats
 
 
 def makes_arrays(kernel: Dispatcher) -> bool:

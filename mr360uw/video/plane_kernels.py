@@ -218,6 +218,7 @@ def write_planes(
                         light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
                     blend_row(plate[part], radiance[r, part], alpha[r, part], share[part], haze[part], more[part], one,
                               light[part])  # fmt: skip
+                # Note the brightest light, and the sum of all
                 written, in_order = light[part].reshape(-1), ordered[part].reshape(-1)
                 for n in range(len(written)):
                     most = max(most, in_order[n])

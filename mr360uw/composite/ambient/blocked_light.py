@@ -547,12 +547,10 @@ class Occluders(Parts):
         share = np.zeros((len(self.fields), len(points)), np.float32)
         if self.fields:
             # Room for what bodies block at a place, the bodies chosen, and pieces of their outlines
-            n, chosen = len(self.origin) + 1, np.zeros((2, len(self.origin)), np.int64)
-            work = (
-                room((n, 3), (n, AZIMUTHS, 5), dtype=np.float64),
-                chosen,
-                *room((_PIECES, 2), (2, 2), dtype=np.float64),
-            )
+            n = len(self.origin) + 1
+            of_place = room((n, 3), (n, AZIMUTHS, 5), dtype=np.float64)
+            chosen, pieces = np.zeros((2, n - 1), np.int64), room((_PIECES, 2), (2, 2), dtype=np.float64)
+            work = of_place, chosen, *pieces
             _block(points, normal, self.origin, self._packed, work, weights, share)
         return Occlusion(normal, weights, share)
 
@@ -677,7 +675,10 @@ def _add(normal: Any, begins: Any, blocked: Any, m: Any, before: Any, piece: Any
 
 @fast
 def _block(point: Any, normal: Any, origin: Any, fields: Any, work: Any, weights: Any, share: Any) -> None:
-    """Add the weights (n, NODES) and set the shares (m, n) of bodies at places (n, 3). fields: of `Occluders`."""
+    """Add the weights (n, NODES) and set the shares (m, n) of bodies at places (n, 3). fields: of `Occluders`.
+
+    work: room, as `Occluders.blocked` makes it.
+    """
     of, frame, heights, filled, opacity, outline, corners, cells = fields
     (begins, blocked), (near, far), piece, found = work
     for k in range(len(point)):

@@ -658,6 +658,7 @@ def _walk(of_body: Any, rays: Any, of_rays: Any, stride: Any, work: Any, outcome
         # Between this and the one before the ends are straight lines, which the ray may cross
         if step > 0:
             for k in range(rays):
+                # All are read before one is chosen: of an address that is chosen the compiler reads one by one
                 fa, fb, ta, ba, tb, bb = filled_a[k], filled[k], top_a[k], bottom_a[k], top[k], bottom[k]
                 ta, ba, tb, bb = (
                     ta if fa > _ZERO else tb, ba if fa > _ZERO else bb,
