@@ -322,7 +322,7 @@ def _in_slot(slot: Any, x: Any, y: Any, z: Any) -> Any:
     return p, q, along
 
 
-@inlined
+@fast
 def _across(slot: Any, middle: Any, radius: Any, deep: Any, slope: Any, tilt: Any, spread: Any) -> Any:
     """Return the disc of which a ball sees all parts of a body: its middle (2) from that of the slot, and its radius,
     which is negative where it misses the slot.
@@ -397,6 +397,8 @@ def _find_hidden(places: Any, lights: Any, columns: Any, found: Any) -> None:
 
 _ROOM = _TOGETHER * _MOST_RAYS
 _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
+_FIRST: Any = np.int64(0)
+"""Where a count begins: kernels that are passed a 0 as it is written are compiled for it, and again for the count."""
 _LEAST = np.float32(1e-6)
 _FULL = np.float32(1.0 + 4e-6)
 """Factor on filled fractions, such that sums of weights that are rounded down are still whole."""
@@ -463,13 +465,13 @@ def _see(footprints: Any, of_lights: Any, columns: Any, rays_of: Any, work: Any,
                     asked[count], hidden[count] = n, 0.0
                     count += 1
             # Where the first rays agree that all of it is seen, or none, the others are not asked
-            total, last, done = int(numbers[0]), int(numbers[1]), 0
+            total, last, done = int(numbers[0]), int(numbers[1]), _FIRST
             while count > 0:
                 for k in range((last - done) * count):
                     blocked[k] = _ZERO
                 for body in range(first, end):
                     # Start the rays of those that this body may hide it from
-                    found, slot = 0, slots[body]
+                    found, slot = _FIRST, slots[body]
                     spread = light[8] / slot[6] if lamp else light[2]
                     for k in range(count):
                         if near[body, k]:
@@ -521,7 +523,7 @@ def _facing(foot: Any, lamp: Any) -> Any:
     return 0.0 if away else max(math.sqrt(area), 1e-12)
 
 
-@inlined
+@fast
 def _set_footprint(foot: Any, slot: Any, facing: Any, disc: Any, k: Any, feet: Any) -> None:
     """Set the k-th of feet: middle and sides of a footprint in the axes of a slot, before any projection, the width of
     rays there, and the disc of light. facing: of a lamp, that width. disc: tangent of its radius, and slope of its
@@ -538,7 +540,7 @@ def _set_footprint(foot: Any, slot: Any, facing: Any, disc: Any, k: Any, feet: A
     of_disc[0][k], of_disc[1][k], of_disc[2][k] = disc
 
 
-@inlined
+@fast
 def _start(fan: Any, part: Any, slot: Any, widening: Any, feet: Any, rays: Any) -> None:
     """Start rays of a fan from their places in footprints, those of each ray in turn.
 
@@ -595,7 +597,7 @@ def _place_starts(start: Any, middle: Any, one_side: Any, other_side: Any, p: An
         start[k] = middle[k] + p * one_side[k] + q * other_side[k]
 
 
-@inlined
+@fast
 def _walk(of_body: Any, rays: Any, of_rays: Any, stride: Any, work: Any, outcome: Any) -> None:
     """Set what a body blocks of a number of rays, most (rays,), the first of outcome; all of them take a step at a
     time. of_body: as `_between` has it. of_rays: of `_start`. stride: length of a step, in widths of a ray.
