@@ -164,21 +164,19 @@ def row_room(width: int) -> tuple[Any, ...]:
 
 
 @fast
-def write_planes(
-    old: Any, new: Any, place: Any, coding: Any, tile: Any, ground: Any, composite: Any, grain: Any, work: Any
-) -> Any:
+def write_planes(old: Any, new: Any, place: Any, coding: Any, tile: Any, ground: Any, grain: Any, work: Any) -> Any:
     """Write the pixels that a tile changes, and their chroma, into planes; return the brightest light and the sum of
     all, of which floats that are not finite make one.
 
     old, new: y, u and v of the plate, and of what is written. place: the tile's row and column, the frame's index, sx,
-    sy and wrap. coding: k, `decode_table`, `encode_table` and the top code. tile: radiance, alpha, ratio, veil and
-    shafts, which are (0, 0, 3) for none. ground: `GroundLines` that ratio and veil are worked out from where the tile
-    has none. composite: of the tile (h, w, 3), or (0, 0, 3) for that of `blend_row`. grain: (h, w) of luma, (2, samples
-    down, samples across) of chroma, both without rows for none, and the strength (3, n) of both. work: of `row_room`.
+    sy and wrap. coding: k, `decode_table`, `encode_table` and the top code. tile: radiance, alpha, ratio, veil, shafts
+    and composite, which are (0, 0, 3) for none, the composite for that of `blend_row`. ground: `GroundLines` that ratio
+    and veil are worked out from where the tile has none. grain: (h, w) of luma, (2, samples down, samples across) of
+    chroma, both without rows for none, and the strength (3, n) of both. work: of `row_room`.
     """
     (y, u, v), y_out, (row, column, frame, sx, sy, wrap) = old, new[0], place
     k, decoding, encoding, peak = coding
-    (radiance, alpha, ratio, veil, shafts), (noise, blotches, strength) = tile, grain
+    (radiance, alpha, ratio, veil, shafts, composite), (noise, blotches, strength) = tile, grain
     cb, cr, steps, plate, light, none, of_ground, (chroma, sums), (changed, touched) = work
     (lines, own_ratio, own_veil), bits, bare = of_ground, light.view(np.uint32), len(ratio) == 0
     (height, width), one, grainy = alpha.shape, np.float32(1.0), noise.size > 0

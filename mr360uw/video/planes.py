@@ -76,7 +76,7 @@ def lay_over_planes(
     # Take what the tile has; its ratio and veil where no ground is to be laid
     ratio, veil = (tile.ratio, tile.veil) if ground is None else (None, None)
     parts = (tile.radiance, tile.alpha, ratio, veil, tile.shafts, composite)
-    *arrays, whole = [none if part is None else np.ascontiguousarray(part, np.float32) for part in parts]
+    arrays = tuple(none if part is None else np.ascontiguousarray(part, np.float32) for part in parts)
     grain = grain or NO_GRAIN
     strength = grain.deviation
     noise, blotches = np.empty((0, 0), np.float32), np.empty((2, 0, 0), np.float32)
@@ -87,7 +87,7 @@ def lay_over_planes(
     coding = coefficients(spec), decode_table(spec), encode_table(spec), np.float32((1 << spec.bits) - 1)
     brightest, total = write_planes(
         (old.y, old.u, old.v), (new.y, new.u, new.v), (tile.row, tile.column, frame_index, sx, sy, wrap), coding,
-        tuple(arrays), NO_GROUND if ground is None else ground.lines, whole, (noise, blotches, strength),
+        arrays, NO_GROUND if ground is None else ground.lines, (noise, blotches, strength),
         row_room(tile.rectangle.width),
     )  # fmt: skip
     return (float(brightest), float(total)) if found is None else found

@@ -191,9 +191,9 @@ def _traced(view: View, count: int, at: NDArray[np.int64], inputs: Any, layer: i
     and optics of `_trace`. layer: of blended surfaces, -1 for the others.
     """
     samples, pattern_ = _sample_tables(view.width, view.height, count)
-    lists, scene, tables, optics = inputs
-    most, found = count if optics[-1] else GROUPS, _NOTHING
-    work = _sample_room(pattern_[0].shape[2], int(np.diff(lists[1]).max(initial=1)))
+    (_, bounds, *_), _, _, (*_, by_sample) = inputs
+    most, found = count if by_sample else GROUPS, _NOTHING
+    work = _sample_room(pattern_[0].shape[2], int(np.diff(bounds).max(initial=1)))
     for start in range(0, len(at), _FRAGMENTS_AT_ONCE // most):
         # Room for as many fragments as there may be: memory that is not written is not taken
         some = at[start : start + _FRAGMENTS_AT_ONCE // most]
@@ -203,7 +203,7 @@ def _traced(view: View, count: int, at: NDArray[np.int64], inputs: Any, layer: i
         area, weight = np.empty((capacity, 5)), np.empty(capacity)
         filled, covered = np.empty(len(some), np.int64), np.empty((len(some), count), np.bool_)
         outputs = pixels, first, triangle, place, area, weight, filled, covered
-        there, total = _trace(some, lists, scene, tables, optics, pattern_, (count, layer), work, outputs)
+        there, total = _trace(some, inputs, pattern_, (count, layer), work, outputs)
         row, column = pixels[:, :there].copy()
         partly = np.flatnonzero(filled[:there] < count)
         gaps = find_gaps(samples, row[partly], column[partly], covered[partly])
@@ -471,19 +471,17 @@ def _sample_room(samples: int, members: int) -> tuple[Any, ...]:
 
 
 @fast
-def _trace(
-    at: Any, lists: Any, scene: Any, tables: Any, optics: Any, pattern_: Any, asked: Any, work: Any, outputs: Any
-) -> Any:
+def _trace(at: Any, inputs: Any, pattern_: Any, asked: Any, work: Any, outputs: Any) -> Any:
     """Write the fragments of pixels at (p,), as of `_whole`, and return the number of pixels that have any and of
     fragments.
 
-    lists, scene, tables, optics: of `_classify`, with what members reach into for masks. pattern_: (cosine, sine) of
-    the angles of longitude and latitude of samples from a pixel's corner, (2, 2, s), s a multiple of 8; cells (5, s)
-    with their products, positions (2, s), 1 for those that are no copies, and axes of `_set_area`. asked: number of
-    samples, and of the blended surface from the front, -1 for the nearest of the others. work: of `_sample_room`.
+    inputs: lists, scene, tables and optics of `_classify`, with what members reach into for masks. pattern_: (cosine,
+    sine) of the angles of longitude and latitude of samples from a pixel's corner, (2, 2, s), s a multiple of 8; cells
+    (5, s) with their products, positions (2, s), 1 for those that are no copies, and axes of `_set_area`. asked: number
+    of samples, and of the blended surface from the front, -1 for the nearest of the others. work: of `_sample_room`.
     outputs: arrays of `Fragments`, then (p,) number of covered samples, and (p, count) which, where that is not all.
     """
-    (corner, bounds, members, reach), (longitude, latitude), (eye, slack, step, by_sample) = lists, tables, optics
+    (corner, bounds, members, reach), scene, (longitude, latitude), (eye, slack, step, by_sample) = inputs
     facets, nearest, kind, piece, (cut, cuts, alphas, places) = scene
     (turns, cells, positions, real, axes), (count, layer) = pattern_, asked
     pixels, first, triangle, place, area, weight, filled, covered = outputs
