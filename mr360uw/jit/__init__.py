@@ -5,10 +5,10 @@
 `fast`      sums may be reordered, products and sums joined, divisions multiplied; no number may be infinite or NaN
 `inlined`   becomes part of the kernels that call it, with their arithmetic
 
-These read and write the arrays that they are passed, make none and return numbers. `exact_making` and `fast_making` are
-for kernels that make arrays: they count who uses every array that they touch, in memory that all threads share, which
-in a loop over a few numbers costs more than what it does, and takes a tenth longer to compile. So a loop that needs
-room is passed it, of `base.cache.room`. One that makes none calls none that returns an array.
+`exact` and `fast` kernels read and write arrays that they are passed, make none and return numbers. `exact_making` and
+`fast_making` are for kernels that make arrays: they count who uses every array that they touch, in memory that all
+threads share, which in a loop over a few numbers costs more than what it does, and takes a tenth longer to compile. So
+a loop that needs room is passed it, of `base.cache.room`. One that makes none calls none that returns an array.
 
 Each kernel costs a tenth of a second or more in a first run. One that sets a row of an array to another array, or
 multiplies one in place, costs two seconds, as NumPy's broadcasting and its error texts are compiled with it: numbers

@@ -221,6 +221,7 @@ def _draw_slots(
     # Memory that is not written is not taken: most columns are empty
     values = np.zeros((len(frames), 4 * (size * size - (SMALLEST // 2) ** 2) // 3, 4), np.float32)
     extents = np.array([frame.extents() for frame in frames]).reshape(-1, 6)
+    work = room((3, 3), 3, 3, (3, 3), 3, 3, (2, 2), dtype=np.float64)
     for frame, of_frame, slot in zip(frames, extents, values, strict=True):
         spans = np.stack([np.full(size, side), np.full(size, -1)])
         for placed in frame.bodies:
@@ -228,7 +229,6 @@ def _draw_slots(
             positions = np.asarray(placed.mesh.positions, np.float64)
             projection = frame.matrix(placed), of_frame, frame.middle_m, frame.nearest_m
             kinds = look.kind, cutouts([look], np.array([0, len(look.kind)]))
-            work = room((3, 3), 3, 3, (3, 3), 3, 3, (2, 2), dtype=np.float64)
             _draw(positions, projection, kinds, spans, heights, passed, work)
         _sum_levels(heights, passed, spans, of_frame[4], slot)
     return values.reshape(len(frames), values.shape[1] * 4), extents
